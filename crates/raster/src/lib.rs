@@ -1,0 +1,1 @@
+//! Software reference renderer: the oracle that Farsight's images are judged by.

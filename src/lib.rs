@@ -1,0 +1,6 @@
+//! Real-time-rendering algorithms for very large scenes, as crates that an engine can take one at a time.
+//!
+//! This facade re-exports them, each behind the feature of its name. An engine that needs one algorithm
+//! depends on that crate directly and never sees the others.
+
+pub use farsight_geometry as geometry;
