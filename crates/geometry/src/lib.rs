@@ -13,11 +13,13 @@
 //! | [`camera`] | how large it appears, how much a world error shows |
 //! | [`convex`] | which part of space matters |
 //! | [`ray`] | what a ray meets |
+//! | [`distance`] | how far surfaces are apart |
 
 pub mod accuracy;
 pub mod bounds;
 pub mod camera;
 pub mod convex;
+pub mod distance;
 pub mod frustum;
 #[cfg(any(test, feature = "hard-cases"))]
 pub mod hard_cases;
