@@ -52,7 +52,12 @@ pub fn pareto(path: &Path, caption: &str, rows: &[Row]) -> Result<(), Box<dyn st
         let claims = line.iter().map(claim).filter(|p| p.1.is_finite());
         chart.draw_series(claims.map(|p| Cross::new(p, 4, colour.stroke_width(1))))?;
     }
-    chart.configure_series_labels().background_style(WHITE.mix(0.85)).border_style(BLACK).draw()?;
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::LowerLeft)
+        .background_style(WHITE.mix(0.85))
+        .border_style(BLACK)
+        .draw()?;
     root.present()?;
     Ok(())
 }
