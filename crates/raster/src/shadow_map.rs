@@ -1,0 +1,217 @@
+//! Shadow maps with any matrix.
+
+use crate::draw::{Draw, Rasteriser, State};
+use crate::{Cull, Outputs, RasterError, Target};
+use farsight_geometry::Scene;
+use farsight_geometry::scene::Light;
+use glam::{DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
+
+/// How a lookup avoids shadowing the surface by itself, and how it filters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ShadowOptions {
+    /// Depth added to the receiver, in the map's depth (0 to 1).
+    pub constant_bias: f32,
+    /// How far the lookup is moved along the surface's normal, in world units, times the sine of the angle to the light.
+    pub normal_offset: f32,
+    /// Percentage-closer filtering over (2n + 1)² texels with bilinear weights; 0 is a single comparison.
+    pub filter_radius: u32,
+    /// Sides that cast no shadow.
+    pub cull: Cull,
+}
+
+impl Default for ShadowOptions {
+    /// No depth bias, 3 x 3 filtering; the normal offset is set to 1.5 texels by [`ShadowMap::directional`].
+    fn default() -> Self {
+        Self { constant_bias: 1e-5, normal_offset: 0.0, filter_radius: 1, cull: Cull::None }
+    }
+}
+
+/// Depth seen from a light.
+#[derive(Clone, Debug)]
+pub struct ShadowMap {
+    target: Target,
+    /// Map clip space from world coordinates relative to `origin`.
+    clip_from_relative: DMat4,
+    rounded: Mat4,
+    origin: DVec3,
+    towards_light: Vec3,
+    options: ShadowOptions,
+}
+
+impl ShadowMap {
+    /// An empty map of `size` x `size` texels.
+    ///
+    /// `light_clip_from_relative` takes world coordinates minus `origin` to the light's clip space: any matrix, with
+    /// depth from w (nearest the light) to 0 as in [`Draw::clip_from_local`]. `towards_light` scales the normal offset.
+    ///
+    /// # Errors
+    /// [`RasterError::TargetSize`].
+    pub fn new(
+        size: u32,
+        light_clip_from_relative: DMat4,
+        origin: DVec3,
+        towards_light: DVec3,
+        options: ShadowOptions,
+    ) -> Result<Self, RasterError> {
+        Ok(Self {
+            target: Target::new(size, size, Outputs::DEPTH)?,
+            clip_from_relative: light_clip_from_relative,
+            rounded: light_clip_from_relative.as_mat4(),
+            origin,
+            towards_light: towards_light.as_vec3(),
+            options,
+        })
+    }
+
+    /// The map of a parallel light over the sphere of `radius` around `center`, casters of `scene` drawn.
+    ///
+    /// Casters between the light and the sphere are kept by clamping their depth.
+    ///
+    /// # Errors
+    /// [`RasterError::TargetSize`]; [`RasterError::Option`] when `radius` is not positive or the direction not of unit length.
+    pub fn directional(
+        rasteriser: &mut Rasteriser,
+        scene: &Scene,
+        direction: DVec3,
+        center: DVec3,
+        radius: f64,
+        size: u32,
+        options: ShadowOptions,
+    ) -> Result<Self, RasterError> {
+        if !(radius > 0.0 && radius.is_finite()) {
+            return Err(RasterError::Option { option: "radius", value: radius, range: "(0, ∞)" });
+        }
+        let length = direction.length();
+        if !((length - 1.0).abs() < 1e-5) {
+            return Err(RasterError::Option { option: "direction", value: length, range: "unit length" });
+        }
+        let (right, up) = direction.any_orthonormal_pair();
+        let row = |axis: DVec3, w: f64| DVec4::new(axis.x, axis.y, axis.z, w);
+        // Depth 1 at the sphere's side towards the light, 0 at the other.
+        let rows = [
+            row(right / radius, 0.0),
+            row(up / radius, 0.0),
+            row(-direction * (0.5 / radius), 0.5),
+            row(DVec3::ZERO, 1.0),
+        ];
+        let matrix = DMat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose();
+        let texel = 2.0 * radius / f64::from(size);
+        let options = ShadowOptions {
+            normal_offset: if options.normal_offset == 0.0 { 1.5 * texel as f32 } else { options.normal_offset },
+            ..options
+        };
+        let mut map = Self::new(size, matrix, center, -direction, options)?;
+        map.draw_scene(rasteriser, scene);
+        Ok(map)
+    }
+
+    /// One map per directional light of a scene, around all of it: the simple choice for pictures.
+    ///
+    /// Stops at the first light of another kind, since maps belong to lights by position.
+    ///
+    /// # Errors
+    /// As [`directional`](Self::directional).
+    pub fn for_scene(
+        rasteriser: &mut Rasteriser,
+        scene: &Scene,
+        size: u32,
+        options: ShadowOptions,
+    ) -> Result<Vec<Self>, RasterError> {
+        let bounds = scene.bounds();
+        let radius = (0.5 * bounds.diagonal()).max(1e-3);
+        let mut maps = Vec::new();
+        for light in scene.lights() {
+            let Light::Directional { direction, .. } = *light else { break };
+            let direction = direction.normalize();
+            maps.push(Self::directional(rasteriser, scene, direction, bounds.center(), radius, size, options)?);
+        }
+        Ok(maps)
+    }
+
+    /// Draws casters: triangles with a matrix from their coordinates to those relative to the map's origin.
+    pub fn draw(
+        &mut self,
+        rasteriser: &mut Rasteriser,
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+        relative_from_local: DMat4,
+    ) {
+        let state = State { cull: self.options.cull, depth_clamp: true, ..State::default() };
+        let clip_from_local = self.clip_from_relative * relative_from_local;
+        rasteriser.draw(&mut self.target, &Draw { positions, triangles, clip_from_local, state });
+    }
+
+    /// Draws all instances of a scene as casters.
+    pub fn draw_scene(&mut self, rasteriser: &mut Rasteriser, scene: &Scene) {
+        for instance in scene.instances() {
+            let mesh = scene.mesh_of(instance);
+            let relative = crate::render::relative_from_mesh(instance, mesh, self.origin);
+            self.draw(rasteriser, mesh.positions(), mesh.triangles(), DMat4::from(relative));
+        }
+    }
+
+    /// The depths: 1 nearest the light, 0 where nothing casts.
+    pub fn target(&self) -> &Target {
+        &self.target
+    }
+
+    /// The point that [`lit_relative`](Self::lit_relative) is relative to.
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// The map for points relative to another origin.
+    #[must_use]
+    pub fn relative_to(&self, origin: DVec3) -> Self {
+        let clip_from_relative = self.clip_from_relative * DMat4::from_translation(origin - self.origin);
+        Self { clip_from_relative, rounded: clip_from_relative.as_mat4(), origin, ..self.clone() }
+    }
+
+    /// Share of the light that reaches a point (relative to the origin), from 0 to 1. Outside the map everything is lit.
+    pub fn lit_relative(&self, point: Vec3, normal: Vec3) -> f32 {
+        let cosine = normal.dot(self.towards_light).clamp(0.0, 1.0);
+        let sine = (1.0 - cosine * cosine).sqrt();
+        let moved = point + normal * (self.options.normal_offset * sine);
+        let clip: Vec4 = self.rounded * moved.extend(1.0);
+        if clip.w <= 0.0 {
+            return 1.0;
+        }
+        let size = self.target.width() as f32;
+        let x = (0.5 + 0.5 * clip.x / clip.w) * size;
+        let y = (0.5 - 0.5 * clip.y / clip.w) * size;
+        let depth = clip.z / clip.w + self.options.constant_bias;
+        if !(x >= 0.0 && x < size && y >= 0.0 && y < size && depth > 0.0) {
+            return 1.0;
+        }
+        self.filtered(x, y, depth)
+    }
+
+    fn filtered(&self, x: f32, y: f32, depth: f32) -> f32 {
+        let last = self.target.width() as i32 - 1;
+        let lit = |i: i32, j: i32| {
+            let at = j.clamp(0, last) as usize * self.target.stride() + i.clamp(0, last) as usize;
+            if depth >= self.target.depth[at] { 1.0 } else { 0.0 }
+        };
+        let radius = self.options.filter_radius as i32;
+        if radius == 0 {
+            return lit(x as i32, y as i32);
+        }
+        // Bilinear weights of a box as wide as 2·radius + 1 texels: the outer ones count by how far the box reaches.
+        let (fx, fy) = (x - 0.5 - (x - 0.5).floor(), y - 0.5 - (y - 0.5).floor());
+        let (x0, y0) = ((x - 0.5).floor() as i32, (y - 0.5).floor() as i32);
+        let weight = |k: i32, f: f32| match k {
+            k if k == -radius => 1.0 - f,
+            k if k == radius + 1 => f,
+            _ => 1.0,
+        };
+        let mut sum = 0.0;
+        for j in -radius..=radius + 1 {
+            for i in -radius..=radius + 1 {
+                sum += weight(i, fx) * weight(j, fy) * lit(x0 + i, y0 + j);
+            }
+        }
+        let side = (2 * radius + 1) as f32;
+        sum / (side * side)
+    }
+}
