@@ -4,3 +4,5 @@
 //! depends on that crate directly and never sees the others.
 
 pub use farsight_geometry as geometry;
+#[cfg(feature = "shadow")]
+pub use farsight_shadow as shadow;

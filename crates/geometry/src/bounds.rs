@@ -13,6 +13,13 @@ macro_rules! aabb {
             pub max: $vec,
         }
 
+        impl Default for $name {
+            /// [`EMPTY`](Self::EMPTY).
+            fn default() -> Self {
+                Self::EMPTY
+            }
+        }
+
         impl $name {
             /// Contains nothing; the neutral element of [`union`](Self::union).
             pub const EMPTY: Self = Self {

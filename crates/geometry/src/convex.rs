@@ -109,12 +109,20 @@ impl ConvexBody {
     /// `far` is cut to the camera's own far distance; it must be given since a body is bounded. A `far` before the near
     /// plane gives the empty body.
     pub fn from_camera(camera: &Camera, far: f64, origin: DVec3) -> Self {
-        let (near, far) = (camera.near(), camera.far().min(far));
         let mut body = Self::empty();
+        body.set_camera(camera, far, origin);
+        body
+    }
+
+    /// Becomes [`from_camera`](Self::from_camera), keeping its buffers.
+    pub fn set_camera(&mut self, camera: &Camera, far: f64, origin: DVec3) {
+        self.clear();
+        let (near, far) = (camera.near(), camera.far().min(far));
         if !(near <= far && far.is_finite()) {
-            return body;
+            return;
         }
         let half = camera.half_extent();
+        let eye = camera.eye() - origin;
         let corner = |i: usize| {
             let ahead = if i & 4 == 0 { near } else { far };
             let scale = match camera.projection() {
@@ -123,17 +131,15 @@ impl ConvexBody {
             };
             let x = if i & 1 == 0 { -half.x } else { half.x } * scale;
             let y = if i & 2 == 0 { -half.y } else { half.y } * scale;
-            camera.eye() - origin + camera.world_from_view() * DVec3::new(x, y, -ahead)
+            eye + camera.world_from_view() * DVec3::new(x, y, -ahead)
         };
         let corners: [DVec3; 8] = std::array::from_fn(corner);
-        // Left, right, bottom, top from the frustum's order right, left, top, bottom.
-        let frustum = Frustum::from_camera(camera);
-        let shift = |p: Plane| Plane { offset: p.offset - p.normal.dot(camera.eye() - origin), ..p };
-        body.planes.extend([0, 1, 2, 3].map(|i| shift(frustum.planes()[i])));
-        body.planes.push(Plane::through(corners[0], camera.forward()));
-        body.planes.push(Plane::through(corners[4], -camera.forward()));
-        body.set_corners(corners);
-        body
+        // The frustum's sides come in the order left, right, bottom, top, as those of a box.
+        let shift = |p: &Plane| Plane { offset: p.offset - p.normal.dot(eye), ..*p };
+        self.planes.extend(Frustum::from_camera(camera).planes()[..4].iter().map(shift));
+        self.planes.push(Plane::through(corners[0], camera.forward()));
+        self.planes.push(Plane::through(corners[4], -camera.forward()));
+        self.set_corners(corners);
     }
 
     /// The convex hull of points; exact in which points are on it and which are not.

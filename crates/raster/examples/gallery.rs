@@ -19,7 +19,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     if gallery.wants("city") {
         let scene = city.build()?;
         let bounds = scene.bounds();
-        println!("city: {} triangles, {} instances, {:?}", scene.placed_triangles(), scene.instances().len(), bounds.extent());
+        println!(
+            "city: {} triangles, {} instances, {:?}",
+            scene.placed_triangles(),
+            scene.instances().len(),
+            bounds.extent()
+        );
         gallery.show("city_street", &scene, Path::street_walk(&city).camera(2, 12)?)?;
         gallery.show("city_corner", &scene, Path::street_walk(&city).camera(6, 12)?)?;
         gallery.show("city_rise", &scene, Path::rise(&city).camera(3, 4)?)?;

@@ -424,13 +424,8 @@ struct Shaded<'a, P> {
 
 impl<P: PixelShader> Shaded<'_, P> {
     fn pixel(&mut self, x: i32, y: i32, depth: f32) {
-        let fragment = Fragment {
-            x: x as u32,
-            y: y as u32,
-            depth,
-            triangle: self.triangle,
-            planes: &self.planes,
-        };
+        let fragment =
+            Fragment { x: x as u32, y: y as u32, depth, triangle: self.triangle, planes: &self.planes };
         let Some(colour) = self.shader.shade(&fragment) else { return };
         let at = y as usize * self.out.stride + x as usize;
         self.written += 1;

@@ -192,8 +192,7 @@ impl View<'_> {
         let blend = if material.alpha == AlphaMode::Blend { Blend::Over } else { Blend::Replace };
         let state = State { cull, ids, blend, depth_write: blend == Blend::Replace, ..State::default() };
         let clip_from_local = self.clip_from_relative * DMat4::from(relative);
-        let draw =
-            Draw { positions: mesh.positions(), triangles: mesh.triangles(), clip_from_local, state };
+        let draw = Draw { positions: mesh.positions(), triangles: mesh.triangles(), clip_from_local, state };
         let masked = matches!(material.alpha, AlphaMode::Mask { .. });
         if self.options.outputs.colour || masked {
             let shader = SurfaceShader::new(mesh, &material, relative, self);

@@ -23,11 +23,19 @@ impl<'a> Lighting<'a> {
     /// Light sources and hemispheric ambient light (`ambient`: from `up` and from below) around `origin`.
     ///
     /// `shadows` belong to the lights in order; missing ones cast no shadow.
-    pub fn new(lights: &[Light], shadows: &'a [ShadowMap], ambient: [Vec3; 2], up: Vec3, origin: DVec3) -> Self {
+    pub fn new(
+        lights: &[Light],
+        shadows: &'a [ShadowMap],
+        ambient: [Vec3; 2],
+        up: Vec3,
+        origin: DVec3,
+    ) -> Self {
         let local = |(i, &light): (usize, &Light)| {
             let position = match light {
                 Light::Point { position, .. } | Light::Spot { position, .. } => position,
-                Light::Sphere { center, .. } | Light::Disk { center, .. } | Light::Rectangle { center, .. } => center,
+                Light::Sphere { center, .. }
+                | Light::Disk { center, .. }
+                | Light::Rectangle { center, .. } => center,
                 _ => origin,
             };
             LocalLight { light, position: (position - origin).as_vec3(), shadow: shadows.get(i) }

@@ -98,7 +98,11 @@ impl ShadowMap {
         let matrix = DMat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose();
         let texel = 2.0 * radius / f64::from(size);
         let options = ShadowOptions {
-            normal_offset: if options.normal_offset == 0.0 { 1.5 * texel as f32 } else { options.normal_offset },
+            normal_offset: if options.normal_offset == 0.0 {
+                1.5 * texel as f32
+            } else {
+                options.normal_offset
+            },
             ..options
         };
         let mut map = Self::new(size, matrix, center, -direction, options)?;
@@ -124,7 +128,15 @@ impl ShadowMap {
         for light in scene.lights() {
             let Light::Directional { direction, .. } = *light else { break };
             let direction = direction.normalize();
-            maps.push(Self::directional(rasteriser, scene, direction, bounds.center(), radius, size, options)?);
+            maps.push(Self::directional(
+                rasteriser,
+                scene,
+                direction,
+                bounds.center(),
+                radius,
+                size,
+                options,
+            )?);
         }
         Ok(maps)
     }
