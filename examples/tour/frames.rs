@@ -1,0 +1,108 @@
+//! One frame: shadow map where the sun can be seen to matter, then the picture.
+
+use farsight::geometry::glam::DMat4;
+use farsight::geometry::scene::Light;
+use farsight::geometry::{Camera, Containment, DAabb, Frustum, Scene};
+use farsight::shadow::{Focus, MapOptions, ShadowView, Skip};
+use farsight_raster::{
+    Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, Target, mip_maps, relative_from_mesh,
+    render_scene,
+};
+use std::error::Error;
+use std::time::{Duration, Instant};
+
+/// What a frame showed and took.
+pub struct Frame {
+    pub target: Target,
+    pub counters: Counters,
+    /// The sun's map, or why there was none; `None` without a sun.
+    pub shadow: Option<Result<ShadowReport, Skip>>,
+    pub time: Duration,
+}
+
+/// The shadow pass of a frame.
+pub struct ShadowReport {
+    pub view: ShadowView,
+    pub casters_drawn: usize,
+    pub time: Duration,
+}
+
+/// Draws frames of a scene, keeping what can be kept from one to the next.
+pub struct Renderer<'a> {
+    scene: &'a Scene,
+    bounds: Vec<DAabb>,
+    textures: Vec<MipMap>,
+    rasteriser: Rasteriser,
+    focus: Focus,
+    warped: bool,
+    options: RenderOptions<'a>,
+    map_side: u32,
+}
+
+impl<'a> Renderer<'a> {
+    /// Prepares a scene; `options` must not name shadows or textures.
+    pub fn new(scene: &'a Scene, options: RenderOptions<'a>, map_side: u32) -> Self {
+        Self {
+            scene,
+            bounds: scene.instance_bounds(),
+            textures: mip_maps(scene),
+            rasteriser: Rasteriser::new(),
+            focus: Focus::new(),
+            warped: false,
+            options,
+            map_side,
+        }
+    }
+
+    /// Draws a frame.
+    pub fn frame(&mut self, camera: &Camera) -> Result<Frame, Box<dyn Error>> {
+        let start = Instant::now();
+        let mut maps = Vec::new();
+        let shadow = match self.shadow(camera)? {
+            None => None,
+            Some(Err(skip)) => Some(Err(skip)),
+            Some(Ok((report, map))) => {
+                maps.push(map);
+                Some(Ok(report))
+            }
+        };
+        let options = RenderOptions { shadows: &maps, textures: &self.textures, ..self.options };
+        let (target, counters) = render_scene(&mut self.rasteriser, self.scene, camera, &options)?;
+        Ok(Frame { target, counters, shadow, time: start.elapsed() })
+    }
+
+    /// The map of the first light, if it is a sun.
+    #[allow(clippy::type_complexity)]
+    fn shadow(&mut self, camera: &Camera) -> Result<Option<Result<(ShadowReport, ShadowMap), Skip>>, Box<dyn Error>> {
+        let Some(&Light::Directional { direction, .. }) = self.scene.lights().first() else { return Ok(None) };
+        let start = Instant::now();
+        let scene_box = self.bounds.iter().fold(DAabb::EMPTY, |b, i| b.union(*i));
+        // Beyond the far side of the scene there is nothing to shade.
+        let farthest = scene_box.corners().iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max);
+        let seen = Frustum::from_camera(camera);
+        let receivers: Vec<DAabb> =
+            self.bounds.iter().copied().filter(|b| seen.classify(b) != Containment::Outside).collect();
+        let skip =
+            self.focus.directional(camera, farthest * 1.001, direction, &receivers, &[scene_box], self.map_side)?;
+        if let Some(skip) = skip {
+            return Ok(Some(Err(skip)));
+        }
+        let view = self.focus.map(&MapOptions::new(self.map_side), self.warped);
+        self.warped = view.kappa > 0.0;
+        let options = ShadowOptions { normal_offset_texels: 1.5, ..ShadowOptions::default() };
+        let mut map =
+            ShadowMap::new(self.map_side, view.clip_from_relative, view.origin, -direction, options)?;
+        let lit = Frustum::from_matrix(&view.clip_from_relative, view.origin, 0.0);
+        let mut casters_drawn = 0;
+        for (instance, b) in self.scene.instances().iter().zip(&self.bounds) {
+            if lit.classify(b) == Containment::Outside {
+                continue;
+            }
+            casters_drawn += 1;
+            let mesh = self.scene.mesh_of(instance);
+            let relative = DMat4::from(relative_from_mesh(instance, mesh, view.origin));
+            map.draw(&mut self.rasteriser, mesh.positions(), mesh.triangles(), relative);
+        }
+        Ok(Some(Ok((ShadowReport { view, casters_drawn, time: start.elapsed() }, map))))
+    }
+}

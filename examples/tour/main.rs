@@ -1,0 +1,209 @@
+//! The tour: takes a scene through everything that Farsight does and writes a page about it.
+//!
+//! ```text
+//! cargo run --release --example tour                   a generated town
+//! cargo run --release --example tour -- house.glb      your own .obj, .gltf, .glb
+//! ```
+//!
+//! You should see progress bars, a short table, and then `out/tour/index.html` with the frames of a camera path, a summary
+//! of the scene and plots of what each frame took. The frames also lie there as PNG, the last one's depth as EXR.
+
+mod frames;
+mod input;
+mod page;
+mod walk;
+
+use clap::Parser;
+use farsight::geometry::io::exr::FloatImage;
+use farsight_raster::{Image, RenderOptions, Target};
+use frames::{Frame, Renderer};
+use indicatif::{ProgressBar, ProgressStyle};
+use input::Input;
+use page::Page;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use walk::Up;
+
+#[derive(Parser)]
+#[command(about = "Takes a scene through everything that Farsight does and writes a page about it")]
+struct Options {
+    /// Scenes to load (.obj, .gltf, .glb); without any, a town is generated.
+    paths: Vec<PathBuf>,
+    /// Folder for the page and the frames.
+    #[arg(long, default_value = "out/tour")]
+    out: PathBuf,
+    /// A small town and few frames.
+    #[arg(long)]
+    quick: bool,
+    /// Number of frames.
+    #[arg(long)]
+    frames: Option<usize>,
+    /// Width of a frame in pixels; the height is 9/16 of it.
+    #[arg(long)]
+    width: Option<u32>,
+    /// The axis of loaded files that points away from the ground.
+    #[arg(long, value_enum, default_value = "y")]
+    up: Up,
+}
+
+fn main() -> ExitCode {
+    match run(&Options::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("tour: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(options: &Options) -> Result<(), Box<dyn Error>> {
+    let folder = &options.out;
+    std::fs::create_dir_all(folder).map_err(|e| format!("cannot write to {}: {e}", folder.display()))?;
+    let spinner = spinner("loading");
+    let input = if options.paths.is_empty() {
+        input::generate(options.quick)?
+    } else {
+        input::load(&options.paths, options.up)?
+    };
+    spinner.finish_with_message(format!("{}: {} triangles", input.title, input.scene.placed_triangles()));
+    let report = input::report(&input.scene);
+    for warning in &input.warnings {
+        eprintln!("warning: {warning}");
+    }
+
+    let frames = walk_through(options, &input)?;
+
+    let page = write_page(&input, &report.to_string(), &frames)?;
+    let index = folder.join("index.html");
+    std::fs::write(&index, page).map_err(|e| format!("cannot write {}: {e}", index.display()))?;
+    for row in frame_table(&frames) {
+        println!("{}", row.iter().map(|cell| format!("{cell:>14}")).collect::<String>());
+    }
+    println!("{}", index.display());
+    Ok(())
+}
+
+/// Draws all frames and writes them as they come.
+fn walk_through(options: &Options, input: &Input) -> Result<Vec<(Vec<u8>, Frame)>, Box<dyn Error>> {
+    let count = options.frames.unwrap_or(if options.quick { 3 } else { 12 }).max(1);
+    let width = options.width.unwrap_or(if options.quick { 480 } else { 1280 }).max(16);
+    let height = (width * 9 / 16).max(1);
+    let map_side = if options.quick { 1024 } else { 4096 };
+    let mut look = RenderOptions::default();
+    look.up = input.up.axis();
+    look.supersampling = if options.quick { 1 } else { 2 };
+    let mut renderer = Renderer::new(&input.scene, look, map_side);
+    let bar = ProgressBar::new(count as u64).with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
+    bar.set_message("frames");
+    let mut frames = Vec::with_capacity(count);
+    for i in 0..count {
+        let camera = input.walk.camera(i, count, width, height)?;
+        let frame = renderer.frame(&camera)?;
+        let png = Image::from_colour(&frame.target).to_png()?;
+        let path = options.out.join(format!("frame_{i:03}.png"));
+        std::fs::write(&path, &png).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+        frames.push((png, frame));
+        bar.inc(1);
+    }
+    bar.finish();
+    if let (Some((_, last)), Ok(camera)) = (frames.last(), input.walk.camera(count - 1, count, width, height)) {
+        write_depth(&options.out.join("depth.exr"), &last.target, camera.near())?;
+    }
+    Ok(frames)
+}
+
+/// Writes the distance ahead of the eye, in world units; infinite where nothing is.
+fn write_depth(path: &Path, target: &Target, near: f64) -> Result<(), Box<dyn Error>> {
+    // With reversed depth and an infinite far plane, depth is near / distance.
+    let distance = |depth: &f32| near as f32 / depth;
+    let samples = target.depth_rows().flatten().map(distance).collect();
+    let image = FloatImage::depth(target.width() as usize, target.height() as usize, samples)?;
+    std::fs::write(path, image.to_bytes()?).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+    Ok(())
+}
+
+fn spinner(message: &'static str) -> ProgressBar {
+    let spinner = ProgressBar::new_spinner().with_message(message);
+    spinner.enable_steady_tick(std::time::Duration::from_millis(100));
+    spinner
+}
+
+fn write_page(input: &Input, report: &str, frames: &[(Vec<u8>, Frame)]) -> Result<String, Box<dyn Error>> {
+    let scene = &input.scene;
+    let mut page = Page::new(&format!("A tour of {}", input.title), report);
+    page.heading("The scene");
+    let size = scene.bounds().extent();
+    page.table(&[
+        ["triangles placed", "triangles stored", "instances", "lights", "size", "memory"].map(String::from).to_vec(),
+        vec![
+            scene.placed_triangles().to_string(),
+            scene.stored_triangles().to_string(),
+            scene.instances().len().to_string(),
+            scene.lights().len().to_string(),
+            format!("{:.4} × {:.4} × {:.4}", size.x, size.y, size.z),
+            format!("{:.1} MB", scene.bytes() as f64 * 1e-6),
+        ],
+    ]);
+    input.warnings.iter().for_each(|w| page.paragraph(w));
+    page.heading("Frames");
+    let captions = frames.iter().enumerate().map(|(i, (png, frame))| (png.clone(), caption(i, frame)));
+    page.pictures(&captions.collect::<Vec<_>>());
+    page.heading("What each frame took");
+    page.table(&frame_table(frames));
+    let series = |value: fn(&Frame) -> f64| frames.iter().map(|(_, f)| value(f)).collect::<Vec<f64>>();
+    let shadow_ms = |f: &Frame| match &f.shadow {
+        Some(Ok(s)) => s.time.as_secs_f64() * 1e3,
+        _ => 0.0,
+    };
+    page.plot(
+        "Time per frame",
+        "ms",
+        &[("frame", series(|f| f.time.as_secs_f64() * 1e3)), ("of it the shadow map", series(shadow_ms))],
+    )?;
+    let texel = |warped: bool| {
+        let value = |f: &Frame| match &f.shadow {
+            Some(Ok(s)) if warped => s.view.texel.value,
+            Some(Ok(s)) => s.view.texel_uniform.value,
+            _ => 0.0,
+        };
+        frames.iter().map(|(_, f)| value(f)).collect::<Vec<f64>>()
+    };
+    page.paragraph("How coarse the shadow map is where it is coarsest: pixels on the screen that one texel covers.");
+    page.plot("Worst shadow texel", "px", &[("as drawn", texel(true)), ("without a warp", texel(false))])?;
+    Ok(page.finish())
+}
+
+fn caption(i: usize, frame: &Frame) -> String {
+    let shadow = match &frame.shadow {
+        None => "no sun".into(),
+        Some(Err(skip)) => format!("no shadow map needed: {skip:?}"),
+        Some(Ok(s)) => format!("shadow texel at most {:.1} px, warp gains {:.1}×", s.view.texel.value, s.view.gain()),
+    };
+    format!("Frame {i}: {} of {} objects drawn; {shadow}", frame.counters.instances_drawn, frame.counters.instances)
+}
+
+/// Frame by frame, the head first.
+fn frame_table(frames: &[(Vec<u8>, Frame)]) -> Vec<Vec<String>> {
+    let head = ["frame", "objects", "drawn", "triangles", "casters", "texel px", "gain", "ms"];
+    let mut rows = vec![head.map(String::from).to_vec()];
+    for (i, (_, f)) in frames.iter().enumerate() {
+        let (casters, texel, gain) = match &f.shadow {
+            Some(Ok(s)) => {
+                (s.casters_drawn.to_string(), format!("{:.2}", s.view.texel.value), format!("{:.2}", s.view.gain()))
+            }
+            _ => ("-".into(), "-".into(), "-".into()),
+        };
+        rows.push(vec![
+            i.to_string(),
+            f.counters.instances.to_string(),
+            f.counters.instances_drawn.to_string(),
+            f.counters.triangles.to_string(),
+            casters,
+            texel,
+            gain,
+            format!("{:.0}", f.time.as_secs_f64() * 1e3),
+        ]);
+    }
+    rows
+}
