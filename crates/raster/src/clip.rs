@@ -91,6 +91,38 @@ impl Viewport {
     }
 }
 
+/// A plane that cuts off the negative side.
+type Side = fn(&Viewport, DVec4, f64) -> f64;
+
+impl Viewport {
+    /// The part of a segment that [`clip`](Self::clip) would keep, in the segment's order.
+    pub(crate) fn clip_segment(&self, [a, b]: [DVec4; 2]) -> Option<[DVec4; 2]> {
+        let largest = a.abs().max_element().max(b.abs().max_element());
+        let depth: [Side; 2] = if self.depth_clamp {
+            [|_, p, largest| p.w - W_SHARE * largest; 2]
+        } else {
+            [|_, p, _| p.w - p.z, |_, p, _| p.z]
+        };
+        let guard: [Side; 4] = [
+            |v, p, _| v.guard_x * p.w - p.x,
+            |v, p, _| v.guard_x * p.w + p.x,
+            |v, p, _| v.guard_y * p.w - p.y,
+            |v, p, _| v.guard_y * p.w + p.y,
+        ];
+        let (mut from, mut to) = (0.0f64, 1.0f64);
+        for side in depth.iter().chain(&guard) {
+            let (da, db) = (side(self, a, largest), side(self, b, largest));
+            match (da >= 0.0, db >= 0.0) {
+                (true, true) => {}
+                (true, false) => to = to.min(da / (da - db)),
+                (false, true) => from = from.max(da / (da - db)),
+                (false, false) => return None,
+            }
+        }
+        (from < to).then(|| [a + (b - a) * from, a + (b - a) * to])
+    }
+}
+
 /// A convex polygon in clip space.
 pub(crate) struct Polygon {
     corners: [DVec4; MAX_CORNERS],

@@ -142,6 +142,14 @@ impl Fragment<'_> {
 pub trait PixelShader {
     /// Linear colour premultiplied by its coverage; `None` leaves the pixel as it is (alpha test).
     fn shade(&self, fragment: &Fragment) -> Option<Vec4>;
+
+    /// Whether [`depth`](Self::depth) is asked; the depth test then comes after it.
+    const REPLACES_DEPTH: bool = false;
+
+    /// The depth to test and write instead of the triangle's.
+    fn depth(&self, fragment: &Fragment) -> f32 {
+        fragment.depth
+    }
 }
 
 impl<F: Fn(&Fragment) -> Option<Vec4>> PixelShader for F {
@@ -221,7 +229,7 @@ impl Rasteriser {
         sink.passed
     }
 
-    fn count(&mut self, tested: u64, written: u64) {
+    pub(crate) fn count(&mut self, tested: u64, written: u64) {
         self.counters.pixels_tested += tested;
         self.counters.pixels_written += written;
     }
@@ -361,6 +369,16 @@ fn passing<S: Simd>(
         }
 }
 
+/// The depth test of one pixel; without a buffer everything passes.
+pub(crate) fn passes(test: DepthTest, depth: f32, old: Option<f32>) -> bool {
+    old.is_none_or(|old| match test {
+        DepthTest::Nearer => depth > old,
+        DepthTest::NearerOrEqual => depth >= old,
+        DepthTest::Equal => depth == old,
+        DepthTest::Always => true,
+    })
+}
+
 /// Writes depth and ids.
 struct Plain<'a> {
     out: Buffers<'a>,
@@ -423,11 +441,17 @@ struct Shaded<'a, P> {
 }
 
 impl<P: PixelShader> Shaded<'_, P> {
-    fn pixel(&mut self, x: i32, y: i32, depth: f32) {
+    fn pixel(&mut self, x: i32, y: i32, mut depth: f32) {
         let fragment =
             Fragment { x: x as u32, y: y as u32, depth, triangle: self.triangle, planes: &self.planes };
-        let Some(colour) = self.shader.shade(&fragment) else { return };
         let at = y as usize * self.out.stride + x as usize;
+        if P::REPLACES_DEPTH {
+            depth = self.shader.depth(&fragment).clamp(0.0, 1.0);
+            if !passes(self.out.test, depth, self.out.target.depth.get(at).copied()) {
+                return;
+            }
+        }
+        let Some(colour) = self.shader.shade(&fragment) else { return };
         self.written += 1;
         if self.out.write_depth {
             self.out.target.depth[at] = depth;
@@ -458,7 +482,8 @@ impl<S: Simd, P: PixelShader> Sink<S> for Shaded<'_, P> {
     #[inline(always)]
     fn group(&mut self, simd: S, x: i32, y: i32, inside: mask32x8<S>, depth: f32x8<S>) {
         let at = y as usize * self.out.stride + x as usize;
-        let pass = passing(simd, self.out.test, inside, depth, &self.out.target.depth, at);
+        let test = if P::REPLACES_DEPTH { DepthTest::Always } else { self.out.test };
+        let pass = passing(simd, test, inside, depth, &self.out.target.depth, at);
         let mut bits = pass.to_bitmask();
         while bits != 0 {
             let lane = bits.trailing_zeros();

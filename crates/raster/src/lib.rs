@@ -1,10 +1,16 @@
 //! Software reference renderer and seeded scene generators.
 
+mod area_light;
 mod clip;
 mod counters;
+mod cpu_time;
 mod draw;
 mod error;
 mod image;
+mod line;
+mod point;
+mod quad;
+mod query;
 mod random;
 mod render;
 pub mod scenes;
@@ -13,12 +19,19 @@ mod shadow_map;
 mod target;
 mod texture;
 mod triangle;
+mod vertex_cache;
 
+pub use area_light::{Arriving, irradiance_from};
 pub use clip::native_from;
 pub use counters::Counters;
+pub use cpu_time::thread_cpu_time;
 pub use draw::{Blend, DepthTest, Draw, Fragment, Ids, PixelShader, Rasteriser, State};
 pub use error::RasterError;
 pub use image::{Difference, Image, linear_of, srgb_byte};
+pub use line::LineDraw;
+pub use point::{MAX_SPLAT_PX, PointDraw, Splat};
+pub use quad::{QuadDraw, QuadImage};
+pub use query::{Answer, OcclusionQueries, QueryId};
 pub use random::Random;
 pub use render::{RenderOptions, SceneIds, mip_maps, relative_from_mesh, render_scene};
 pub use shade::Lighting;
@@ -26,3 +39,4 @@ pub use shadow_map::{ShadowMap, ShadowOptions};
 pub use target::{MAX_SIDE, Outputs, Target};
 pub use texture::MipMap;
 pub use triangle::{Cull, SUBPIXELS};
+pub use vertex_cache::fifo_cache_misses;

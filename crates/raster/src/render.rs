@@ -297,10 +297,18 @@ fn finish(target: &mut Target, camera: &Camera, options: &RenderOptions) {
             let colour = Vec4::from_array(target.colour(x, y));
             if colour.w < 1.0 {
                 let ray = camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
-                let height = ray.direction().dot(options.up).clamp(0.0, 1.0) as f32;
-                let sky = horizon.lerp(zenith, height.sqrt()).extend(1.0);
+                let height = ray.direction().dot(options.up) as f32;
+                let sky = sky_colour(zenith, horizon, height).extend(1.0);
                 target.set_colour(x, y, (colour + sky * (1.0 - colour.w)).to_array());
             }
         }
     }
+}
+
+/// Colour of the sky at a sine of elevation; below the horizon the haze over distant ground.
+fn sky_colour(zenith: Vec3, horizon: Vec3, height: f32) -> Vec3 {
+    // Reaches half of the change 20° above and 5° below the horizon.
+    let (colour, half) = if height >= 0.0 { (zenith, 0.35) } else { (horizon * 0.45, 0.09) };
+    let t = height.abs();
+    horizon.lerp(colour, t / (t + half))
 }

@@ -21,7 +21,7 @@ pub struct ShadowOptions {
 }
 
 impl Default for ShadowOptions {
-    /// No depth bias, 3 x 3 filtering; the normal offset is set to 1.5 texels by [`ShadowMap::directional`].
+    /// No depth bias, 3 x 3 filtering; the normal offset is set to 2.5 texels by [`ShadowMap::directional`].
     fn default() -> Self {
         Self { constant_bias: 1e-5, normal_offset: 0.0, filter_radius: 1, cull: Cull::None }
     }
@@ -98,11 +98,7 @@ impl ShadowMap {
         let matrix = DMat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose();
         let texel = 2.0 * radius / f64::from(size);
         let options = ShadowOptions {
-            normal_offset: if options.normal_offset == 0.0 {
-                1.5 * texel as f32
-            } else {
-                options.normal_offset
-            },
+            normal_offset: if options.normal_offset == 0.0 { 2.5 * texel as f32 } else { options.normal_offset },
             ..options
         };
         let mut map = Self::new(size, matrix, center, -direction, options)?;
@@ -128,15 +124,7 @@ impl ShadowMap {
         for light in scene.lights() {
             let Light::Directional { direction, .. } = *light else { break };
             let direction = direction.normalize();
-            maps.push(Self::directional(
-                rasteriser,
-                scene,
-                direction,
-                bounds.center(),
-                radius,
-                size,
-                options,
-            )?);
+            maps.push(Self::directional(rasteriser, scene, direction, bounds.center(), radius, size, options)?);
         }
         Ok(maps)
     }

@@ -39,7 +39,7 @@ pub struct City {
 impl Default for City {
     /// The town of 1.4 M triangles.
     fn default() -> Self {
-        Self { seed: 1, blocks: 6, repeat: 1, roof_columns_per_metre: 14.0, trees: true }
+        Self { seed: 1, blocks: 6, repeat: 1, roof_columns_per_metre: 12.0, trees: true }
     }
 }
 

@@ -116,11 +116,11 @@ impl House {
             let under = |x: f32, run: f32| place(x, run, -0.02);
             let (x0, x1) = (x_of(0.0), x_of(1.0));
             let edge = shaded(style.roof, 0.7);
-            out.polygon(&[under(x0, 0.0), under(x1, 0.0), under(x1, length), under(x0, length)], STONE);
             let over = |x: f32, run: f32| place(x, run, THICKNESS + 0.02);
-            out.polygon(&[under(x0, length), under(x1, length), over(x1, length), over(x0, length)], edge);
-            out.polygon(&[under(x0, 0.0), under(x0, length), over(x0, length), over(x0, 0.0)], edge);
-            out.polygon(&[under(x1, length), under(x1, 0.0), over(x1, 0.0), over(x1, length)], edge);
+            out.polygon(&[under(x0, length), under(x1, length), under(x1, 0.0), under(x0, 0.0)], STONE);
+            out.polygon(&[over(x0, length), over(x1, length), under(x1, length), under(x0, length)], edge);
+            out.polygon(&[over(x0, 0.0), over(x0, length), under(x0, length), under(x0, 0.0)], edge);
+            out.polygon(&[over(x1, length), over(x1, 0.0), under(x1, 0.0), under(x1, length)], edge);
         }
         let y = half - 0.12;
         let z = eaves + half * PITCH + 0.08;
