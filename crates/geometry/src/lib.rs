@@ -23,7 +23,9 @@ pub mod distance;
 pub mod frustum;
 #[cfg(any(test, feature = "hard-cases"))]
 pub mod hard_cases;
+pub mod io;
 pub mod mesh;
+pub mod points;
 pub mod predicates;
 pub mod ray;
 pub mod rounding;
@@ -36,5 +38,6 @@ pub use convex::ConvexBody;
 pub use frustum::{Containment, Frustum, Plane};
 pub use glam;
 pub use mesh::{MeshError, MeshReport, TriangleMesh};
+pub use points::PointCloud;
 pub use ray::{Hit, Ray, RayCaster};
 pub use scene::Scene;

@@ -140,7 +140,8 @@ impl TriangleMesh {
         Self::new(positions.to_vec(), triangles.to_vec())
     }
 
-    /// Takes world positions; the origin becomes the centre of their box, so that little precision is lost.
+    /// Takes world positions. Far from the world's origin, the origin becomes the centre of their box, so that little
+    /// precision is lost; near it, where that gains nothing, it stays zero, so that `f32` positions stay as they are.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -149,8 +150,9 @@ impl TriangleMesh {
             return Err(MeshError::Position { vertex, position: positions[vertex] });
         }
         let bounds = DAabb::from_points(positions.iter().copied());
-        // An origin representable in f32 keeps small meshes near the world's origin exact.
-        let origin = if bounds.is_empty() { DVec3::ZERO } else { bounds.center().as_vec3().as_dvec3() };
+        // Within a few diagonals of the origin an offset would save less than three bits and cost rounding.
+        let near = bounds.is_empty() || bounds.center().abs().max_element() <= 4.0 * bounds.diagonal();
+        let origin = if near { DVec3::ZERO } else { bounds.center().as_vec3().as_dvec3() };
         if !origin.is_finite() {
             return Err(MeshError::Origin { origin });
         }

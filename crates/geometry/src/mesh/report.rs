@@ -19,9 +19,9 @@ pub struct MeshReport {
     pub zero_area: usize,
     /// Triangles whose height is below 1/100 of their longest side, zero area included.
     pub slivers: usize,
-    /// Triangles with the same three corners as an earlier one, in any order.
+    /// Triangles with the same three corners as an earlier one, in any order; not those that repeat a corner.
     pub doubled: usize,
-    /// Edges of one triangle.
+    /// Edges of one triangle. A triangle that repeats a corner is a line: it has no edges here and below.
     pub border_edges: usize,
     /// Edges of more than two triangles.
     pub non_manifold_edges: usize,
@@ -112,19 +112,25 @@ fn count_unreferenced(mesh: &TriangleMesh) -> usize {
     used.iter().filter(|u| !**u).count()
 }
 
+/// Whether the corners differ; one that repeats a corner is a line, with no edges and no double.
+fn has_area([a, b, c]: &[u32; 3]) -> bool {
+    a != b && b != c && c != a
+}
+
 fn count_doubled(triangles: &[[u32; 3]]) -> usize {
-    let mut keys: Vec<[u32; 3]> = triangles.to_vec();
+    let mut keys: Vec<[u32; 3]> = triangles.iter().copied().filter(has_area).collect();
     keys.iter_mut().for_each(|k| k.sort_unstable());
     keys.sort_unstable();
     keys.windows(2).filter(|w| w[0] == w[1]).count()
 }
 
-/// Edges with one triangle, and with more than two. Edges from a vertex to itself do not count.
+/// Edges with one triangle, and with more than two.
 fn count_edges(triangles: &[[u32; 3]]) -> (usize, usize) {
     let mut edges: Vec<u64> = triangles
         .iter()
-        .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
-        .filter(|(a, b)| a != b)
+        .filter(|t| has_area(t))
+        .copied()
+        .flat_map(|[a, b, c]| [(a, b), (b, c), (c, a)])
         .map(|(a, b)| u64::from(a.min(b)) << 32 | u64::from(a.max(b)))
         .collect();
     edges.sort_unstable();
