@@ -1,13 +1,13 @@
 //! One frame: shadow map where the sun can be seen to matter, then the picture.
 
-use farsight::geometry::glam::DMat4;
-use farsight::geometry::scene::Light;
-use farsight::geometry::{Camera, Containment, DAabb, Frustum, Scene};
-use farsight::shadow::{Focus, MapOptions, ShadowView, Skip};
+use farsight_geometry::glam::DMat4;
+use farsight_geometry::scene::Light;
+use farsight_geometry::{Camera, Containment, DAabb, Frustum, Scene};
 use farsight_raster::{
-    Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, Target, mip_maps, relative_from_mesh,
-    render_scene,
+    Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, Target, mip_maps,
+    relative_from_mesh, render_scene,
 };
+use farsight_shadow::{Focus, MapOptions, ShadowView, Skip};
 use std::error::Error;
 use std::time::{Duration, Instant};
 
@@ -66,32 +66,50 @@ impl<'a> Renderer<'a> {
                 Some(Ok(report))
             }
         };
-        let options = RenderOptions { shadows: &maps, textures: &self.textures, ..self.options };
+        let mut options = self.options;
+        options.shadows = &maps;
+        options.textures = &self.textures;
         let (target, counters) = render_scene(&mut self.rasteriser, self.scene, camera, &options)?;
         Ok(Frame { target, counters, shadow, time: start.elapsed() })
     }
 
     /// The map of the first light, if it is a sun.
     #[allow(clippy::type_complexity)]
-    fn shadow(&mut self, camera: &Camera) -> Result<Option<Result<(ShadowReport, ShadowMap), Skip>>, Box<dyn Error>> {
-        let Some(&Light::Directional { direction, .. }) = self.scene.lights().first() else { return Ok(None) };
+    fn shadow(
+        &mut self,
+        camera: &Camera,
+    ) -> Result<Option<Result<(ShadowReport, ShadowMap), Skip>>, Box<dyn Error>> {
+        let Some(&Light::Directional { direction, .. }) = self.scene.lights().first() else {
+            return Ok(None);
+        };
         let start = Instant::now();
         let scene_box = self.bounds.iter().fold(DAabb::EMPTY, |b, i| b.union(*i));
         // Beyond the far side of the scene there is nothing to shade.
-        let farthest = scene_box.corners().iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max);
+        let farthest =
+            scene_box.corners().iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max);
         let seen = Frustum::from_camera(camera);
         let receivers: Vec<DAabb> =
             self.bounds.iter().copied().filter(|b| seen.classify(b) != Containment::Outside).collect();
-        let skip =
-            self.focus.directional(camera, farthest * 1.001, direction, &receivers, &[scene_box], self.map_side)?;
+        let skip = self.focus.directional(
+            camera,
+            farthest * 1.001,
+            direction,
+            &receivers,
+            &[scene_box],
+            self.map_side,
+        )?;
         if let Some(skip) = skip {
             return Ok(Some(Err(skip)));
         }
         let view = self.focus.map(&MapOptions::new(self.map_side), self.warped);
         self.warped = view.kappa > 0.0;
-        let options = ShadowOptions { normal_offset_texels: 1.5, ..ShadowOptions::default() };
-        let mut map =
-            ShadowMap::new(self.map_side, view.clip_from_relative, view.origin, -direction, options)?;
+        let mut map = ShadowMap::new(
+            self.map_side,
+            view.clip_from_relative,
+            view.origin,
+            -direction,
+            ShadowOptions::default(),
+        )?;
         let lit = Frustum::from_matrix(&view.clip_from_relative, view.origin, 0.0);
         let mut casters_drawn = 0;
         for (instance, b) in self.scene.instances().iter().zip(&self.bounds) {

@@ -1,11 +1,11 @@
 //! What the tour goes through: files, or a generated town.
 
 use crate::walk::{Up, Walk};
-use farsight::geometry::glam::DVec3;
-use farsight::geometry::glam::Vec3;
-use farsight::geometry::io::{self, Content};
-use farsight::geometry::scene::{Instance, Light, Material, MaterialId, MeshId, TextureId};
-use farsight::geometry::{MeshReport, Scene};
+use farsight_geometry::glam::DVec3;
+use farsight_geometry::glam::Vec3;
+use farsight_geometry::io::{self, Content};
+use farsight_geometry::scene::{Instance, Light, Material, MaterialId, MeshId, TextureId};
+use farsight_geometry::{MeshReport, Scene};
 use farsight_raster::scenes::City;
 use std::error::Error;
 use std::path::PathBuf;
@@ -63,7 +63,7 @@ fn sun(up: Up) -> Light {
     let across = if up == Up::Y { DVec3::new(0.45, 0.0, 0.25) } else { DVec3::new(0.45, 0.25, 0.0) };
     Light::Directional {
         direction: (across - up.axis()).normalize(),
-        irradiance: Vec3::new(3.0, 2.8, 2.5),
+        irradiance: Vec3::new(2.8, 2.6, 2.35),
         angular_radius: 0.0,
     }
 }

@@ -14,7 +14,8 @@ mod page;
 mod walk;
 
 use clap::Parser;
-use farsight::geometry::io::exr::FloatImage;
+use farsight_geometry::glam::Vec3;
+use farsight_geometry::io::exr::FloatImage;
 use farsight_raster::{Image, RenderOptions, Target};
 use frames::{Frame, Renderer};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -92,9 +93,11 @@ fn walk_through(options: &Options, input: &Input) -> Result<Vec<(Vec<u8>, Frame)
     let map_side = if options.quick { 1024 } else { 4096 };
     let mut look = RenderOptions::default();
     look.up = input.up.axis();
+    look.ambient = [Vec3::new(0.24, 0.28, 0.36), Vec3::new(0.16, 0.14, 0.12)];
     look.supersampling = if options.quick { 1 } else { 2 };
     let mut renderer = Renderer::new(&input.scene, look, map_side);
-    let bar = ProgressBar::new(count as u64).with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
+    let bar = ProgressBar::new(count as u64)
+        .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
     bar.set_message("frames");
     let mut frames = Vec::with_capacity(count);
     for i in 0..count {
@@ -107,7 +110,8 @@ fn walk_through(options: &Options, input: &Input) -> Result<Vec<(Vec<u8>, Frame)
         bar.inc(1);
     }
     bar.finish();
-    if let (Some((_, last)), Ok(camera)) = (frames.last(), input.walk.camera(count - 1, count, width, height)) {
+    if let (Some((_, last)), Ok(camera)) = (frames.last(), input.walk.camera(count - 1, count, width, height))
+    {
         write_depth(&options.out.join("depth.exr"), &last.target, camera.near())?;
     }
     Ok(frames)
@@ -135,7 +139,9 @@ fn write_page(input: &Input, report: &str, frames: &[(Vec<u8>, Frame)]) -> Resul
     page.heading("The scene");
     let size = scene.bounds().extent();
     page.table(&[
-        ["triangles placed", "triangles stored", "instances", "lights", "size", "memory"].map(String::from).to_vec(),
+        ["triangles placed", "triangles stored", "instances", "lights", "size", "memory"]
+            .map(String::from)
+            .to_vec(),
         vec![
             scene.placed_triangles().to_string(),
             scene.stored_triangles().to_string(),
@@ -169,7 +175,9 @@ fn write_page(input: &Input, report: &str, frames: &[(Vec<u8>, Frame)]) -> Resul
         };
         frames.iter().map(|(_, f)| value(f)).collect::<Vec<f64>>()
     };
-    page.paragraph("How coarse the shadow map is where it is coarsest: pixels on the screen that one texel covers.");
+    page.paragraph(
+        "How coarse the shadow map is where it is coarsest: pixels on the screen that one texel covers.",
+    );
     page.plot("Worst shadow texel", "px", &[("as drawn", texel(true)), ("without a warp", texel(false))])?;
     Ok(page.finish())
 }
@@ -178,9 +186,14 @@ fn caption(i: usize, frame: &Frame) -> String {
     let shadow = match &frame.shadow {
         None => "no sun".into(),
         Some(Err(skip)) => format!("no shadow map needed: {skip:?}"),
-        Some(Ok(s)) => format!("shadow texel at most {:.1} px, warp gains {:.1}×", s.view.texel.value, s.view.gain()),
+        Some(Ok(s)) => {
+            format!("shadow texel at most {:.1} px, warp gains {:.1}×", s.view.texel.value, s.view.gain())
+        }
     };
-    format!("Frame {i}: {} of {} objects drawn; {shadow}", frame.counters.instances_drawn, frame.counters.instances)
+    format!(
+        "Frame {i}: {} of {} objects drawn; {shadow}",
+        frame.counters.instances_drawn, frame.counters.instances
+    )
 }
 
 /// Frame by frame, the head first.
@@ -189,9 +202,11 @@ fn frame_table(frames: &[(Vec<u8>, Frame)]) -> Vec<Vec<String>> {
     let mut rows = vec![head.map(String::from).to_vec()];
     for (i, (_, f)) in frames.iter().enumerate() {
         let (casters, texel, gain) = match &f.shadow {
-            Some(Ok(s)) => {
-                (s.casters_drawn.to_string(), format!("{:.2}", s.view.texel.value), format!("{:.2}", s.view.gain()))
-            }
+            Some(Ok(s)) => (
+                s.casters_drawn.to_string(),
+                format!("{:.2}", s.view.texel.value),
+                format!("{:.2}", s.view.gain()),
+            ),
             _ => ("-".into(), "-".into(), "-".into()),
         };
         rows.push(vec![

@@ -79,7 +79,12 @@ impl Page {
     ///
     /// # Errors
     /// When the plot cannot be drawn.
-    pub fn plot(&mut self, title: &str, unit: &str, lines: &[(&str, Vec<f64>)]) -> Result<(), Box<dyn std::error::Error>> {
+    pub fn plot(
+        &mut self,
+        title: &str,
+        unit: &str,
+        lines: &[(&str, Vec<f64>)],
+    ) -> Result<(), Box<dyn std::error::Error>> {
         let mut svg = String::new();
         draw(&mut svg, title, unit, lines)?;
         self.body.push_str("<figure>");
@@ -99,8 +104,14 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-fn draw(svg: &mut String, title: &str, unit: &str, lines: &[(&str, Vec<f64>)]) -> Result<(), Box<dyn std::error::Error>> {
-    let colours = [RGBColor(0, 90, 181), RGBColor(220, 50, 32), RGBColor(30, 136, 60), RGBColor(148, 80, 170)];
+fn draw(
+    svg: &mut String,
+    title: &str,
+    unit: &str,
+    lines: &[(&str, Vec<f64>)],
+) -> Result<(), Box<dyn std::error::Error>> {
+    let colours =
+        [RGBColor(0, 90, 181), RGBColor(220, 50, 32), RGBColor(30, 136, 60), RGBColor(148, 80, 170)];
     let frames = lines.iter().map(|l| l.1.len()).max().unwrap_or(1).max(2);
     let top = lines.iter().flat_map(|l| l.1.iter().copied()).fold(0.0, f64::max) * 1.1 + 1e-9;
     let root = SVGBackend::with_string(svg, (860, 300)).into_drawing_area();

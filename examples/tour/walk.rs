@@ -1,7 +1,7 @@
 //! Where the camera goes.
 
-use farsight::geometry::glam::DVec3;
-use farsight::geometry::{Camera, CameraError, DAabb};
+use farsight_geometry::glam::DVec3;
+use farsight_geometry::{Camera, CameraError, DAabb};
 use farsight_raster::scenes::{City, Path};
 
 /// Which axis points away from the ground.
@@ -36,7 +36,7 @@ pub enum Walk {
     /// Through the streets of the generated town, then up over its roofs.
     Town { street: Path, rise: Path },
     /// Around whatever was loaded: all of it in view first, then closer.
-    Around { center: DVec3, radius: f64, up: Up },
+    Around { bounds: DAabb, up: Up },
 }
 
 /// Full vertical opening angle.
@@ -50,7 +50,7 @@ impl Walk {
 
     /// Around a box.
     pub fn around(bounds: &DAabb, up: Up) -> Self {
-        Walk::Around { center: bounds.center(), radius: 0.5 * bounds.diagonal(), up }
+        Walk::Around { bounds: *bounds, up }
     }
 
     /// The camera of frame `i` of `n`.
@@ -61,21 +61,34 @@ impl Walk {
                 let (eye, target) = if t < 0.7 { street.at(t / 0.7) } else { rise.at((t - 0.7) / 0.3) };
                 (eye, target, DVec3::Z, 100.0)
             }
-            Walk::Around { center, radius, up } => {
+            Walk::Around { bounds, up } => {
                 let (a, b) = up.ground();
-                let angle = 0.7 + 4.5 * t;
-                // The sphere around the scene fills the image's height at the first frame.
-                let fitting = radius / (0.5 * FOV_Y).sin();
-                let distance = fitting * (1.0 - 0.45 * t);
+                // The first frame has the sun over the left shoulder.
+                let angle = 4.9 + 4.5 * t;
                 let elevation = 0.45 - 0.25 * t;
                 let level = a * angle.cos() + b * angle.sin();
-                let eye = *center + (level * f64::cos(elevation) + up.axis() * f64::sin(elevation)) * distance;
-                (eye, *center, up.axis(), *radius)
+                let out = level * f64::cos(elevation) + up.axis() * f64::sin(elevation);
+                let aspect = f64::from(width) / f64::from(height);
+                // All of the scene fills the first frame; later ones come closer.
+                let distance = fitting_distance(bounds, out, up.axis(), aspect) * (1.04 - 0.25 * t);
+                (bounds.center() + out * distance, bounds.center(), up.axis(), 0.5 * bounds.diagonal())
             }
         };
         Camera::look_at(eye, target, up)?
-            .with_projection(farsight::geometry::Projection::Perspective { fov_y: FOV_Y })?
+            .with_projection(farsight_geometry::Projection::Perspective { fov_y: FOV_Y })?
             .with_range(1e-3 * scale, f64::INFINITY)?
             .with_image(width, height)
     }
+}
+
+/// How far from the centre of a box, in direction `out`, all of it is just in view.
+fn fitting_distance(bounds: &DAabb, out: DVec3, up: DVec3, aspect: f64) -> f64 {
+    let right = up.cross(out).normalize();
+    let top = out.cross(right);
+    let tan = (0.5 * FOV_Y).tan();
+    let needed = |corner: DVec3| {
+        let c = corner - bounds.center();
+        c.dot(out) + (c.dot(right).abs() / (tan * aspect)).max(c.dot(top).abs() / tan)
+    };
+    bounds.corners().into_iter().map(needed).fold(1e-9, f64::max)
 }

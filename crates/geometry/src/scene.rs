@@ -90,7 +90,7 @@ impl Default for Material {
     fn default() -> Self {
         Self {
             name: String::new(),
-            base_colour: [0.75, 0.75, 0.75, 1.0],
+            base_colour: [0.6, 0.6, 0.6, 1.0],
             texture: None,
             alpha: AlphaMode::Opaque,
             two_sided: true,

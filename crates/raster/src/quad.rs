@@ -50,7 +50,11 @@ impl QuadImage {
         let texel = |dx: i64, dy: i64| {
             let (x, y) = (floor.x as i64 + dx, floor.y as i64 + dy);
             let inside = x >= 0 && y >= 0 && x < self.width as i64 && y < self.height as i64;
-            if inside { Vec4::from_array(self.texels[y as usize * self.width + x as usize]) } else { Vec4::ZERO }
+            if inside {
+                Vec4::from_array(self.texels[y as usize * self.width + x as usize])
+            } else {
+                Vec4::ZERO
+            }
         };
         texel(0, 0).lerp(texel(1, 0), f.x).lerp(texel(0, 1).lerp(texel(1, 1), f.x), f.y)
     }

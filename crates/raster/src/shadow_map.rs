@@ -12,7 +12,8 @@ use glam::{DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
 pub struct ShadowOptions {
     /// Depth added to the receiver, in the map's depth (0 to 1).
     pub constant_bias: f32,
-    /// How far the lookup is moved along the surface's normal, in world units, times the sine of the angle to the light.
+    /// How far the lookup is moved along the surface's normal, in texels as large as the map's are at that point, times the
+    /// sine of the angle to the light.
     pub normal_offset: f32,
     /// Percentage-closer filtering over (2n + 1)² texels with bilinear weights; 0 is a single comparison.
     pub filter_radius: u32,
@@ -21,9 +22,9 @@ pub struct ShadowOptions {
 }
 
 impl Default for ShadowOptions {
-    /// No depth bias, 3 x 3 filtering; the normal offset is set to 2.5 texels by [`ShadowMap::directional`].
+    /// A hair of depth bias, two texels along the normal, 3 x 3 filtering.
     fn default() -> Self {
-        Self { constant_bias: 1e-5, normal_offset: 0.0, filter_radius: 1, cull: Cull::None }
+        Self { constant_bias: 1e-5, normal_offset: 2.0, filter_radius: 1, cull: Cull::None }
     }
 }
 
@@ -96,11 +97,6 @@ impl ShadowMap {
             row(DVec3::ZERO, 1.0),
         ];
         let matrix = DMat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose();
-        let texel = 2.0 * radius / f64::from(size);
-        let options = ShadowOptions {
-            normal_offset: if options.normal_offset == 0.0 { 2.5 * texel as f32 } else { options.normal_offset },
-            ..options
-        };
         let mut map = Self::new(size, matrix, center, -direction, options)?;
         map.draw_scene(rasteriser, scene);
         Ok(map)
@@ -124,7 +120,15 @@ impl ShadowMap {
         for light in scene.lights() {
             let Light::Directional { direction, .. } = *light else { break };
             let direction = direction.normalize();
-            maps.push(Self::directional(rasteriser, scene, direction, bounds.center(), radius, size, options)?);
+            maps.push(Self::directional(
+                rasteriser,
+                scene,
+                direction,
+                bounds.center(),
+                radius,
+                size,
+                options,
+            )?);
         }
         Ok(maps)
     }
@@ -172,7 +176,7 @@ impl ShadowMap {
     pub fn lit_relative(&self, point: Vec3, normal: Vec3) -> f32 {
         let cosine = normal.dot(self.towards_light).clamp(0.0, 1.0);
         let sine = (1.0 - cosine * cosine).sqrt();
-        let moved = point + normal * (self.options.normal_offset * sine);
+        let moved = point + normal * (self.options.normal_offset * sine * self.texel_at(point));
         let clip: Vec4 = self.rounded * moved.extend(1.0);
         if clip.w <= 0.0 {
             return 1.0;
@@ -185,6 +189,18 @@ impl ShadowMap {
             return 1.0;
         }
         self.filtered(x, y, depth)
+    }
+
+    /// The larger side of the texel at a point, in world units: the distance over which a map coordinate grows by one.
+    fn texel_at(&self, point: Vec3) -> f32 {
+        let clip = self.rounded * point.extend(1.0);
+        let w_row = self.rounded.row(3).truncate();
+        let size = self.target.width() as f32;
+        let texel =
+            |row: Vec3, value: f32| 2.0 * clip.w.abs() / (size * (row - w_row * (value / clip.w)).length());
+        let (across, along) = (self.rounded.row(0).truncate(), self.rounded.row(1).truncate());
+        let largest = texel(across, clip.x).max(texel(along, clip.y));
+        if largest.is_finite() { largest } else { 0.0 }
     }
 
     fn filtered(&self, x: f32, y: f32, depth: f32) -> f32 {
