@@ -1,4 +1,20 @@
 //! Ray casting: what is asked and answered, whoever answers.
+//!
+//! | caster | for |
+//! |---|---|
+//! | [`Bvh8`] | one mesh: eight-wide tree in SIMD, watertight, exact to `f64` |
+//! | [`BruteForce`] | tests: every triangle in turn, a different method, no tree |
+
+mod brute;
+mod build;
+mod bvh8;
+mod exact;
+mod frame;
+mod single;
+mod tree;
+
+pub use brute::BruteForce;
+pub use bvh8::{Bvh8, SimdLevel};
 
 use glam::DVec3;
 
