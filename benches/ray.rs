@@ -38,10 +38,22 @@ fn main() {
     );
     table.most("build, s, one thread", build, 1.0);
 
+    let only = std::env::var("RAY_ONLY").ok();
     let sets = [("coherent", pinhole(houses)), ("incoherent", street(houses))];
     let rival = Rival::new(&mesh);
     let base = bvh.clone().with_simd(SimdLevel::Baseline);
     let floors = [(8.5, 7.2, 2.0), (6.2, 5.2, 3.0)];
+    if let Some(o) = only {
+        let mut hits = vec![None; 1024];
+        let s = &sets[o.parse::<usize>().unwrap()];
+        let t = Instant::now();
+        while t.elapsed().as_secs_f64() < 6.0 {
+            for rays in s.1.chunks(1024) {
+                bvh.closest_batch(rays, &mut hits);
+            }
+        }
+        return;
+    }
     for ((name, rays), (floor, floor_base, floor_ratio)) in sets.iter().zip(floors) {
         let mut hits = vec![None; rays.len()];
         let (mut ours, mut baseline, mut theirs) = (0.0f64, 0.0f64, 0.0f64);
@@ -134,6 +146,7 @@ fn mrays(rays: usize, run: impl FnOnce()) -> f64 {
 struct Rival {
     bvh: obvhs::bvh2::Bvh2,
     triangles: Vec<Triangle>,
+    origin: DVec3,
 }
 
 impl Rival {
@@ -144,12 +157,12 @@ impl Rival {
         let mut time = Duration::default();
         let bvh = build_bvh2_from_tris(&triangles, params, &mut time);
         let triangles = bvh.primitive_indices.iter().map(|&i| triangles[i as usize]).collect();
-        Self { bvh, triangles }
+        Self { bvh, triangles, origin: mesh.origin() }
     }
 
     fn trace(&self, rays: &[Ray]) {
         for ray in rays {
-            let (o, d) = (ray.origin().as_vec3a(), ray.direction().as_vec3a());
+            let (o, d) = ((ray.origin() - self.origin).as_vec3a(), ray.direction().as_vec3a());
             let mut hit = RayHit::none();
             let ray = obvhs::ray::Ray::new_inf(o, d);
             black_box(self.bvh.ray_traverse(ray, &mut hit, |ray, id| self.triangles[id].intersect(ray)));

@@ -1,6 +1,6 @@
-//! The builder: binned surface-area heuristic straight to eight children.
+//! The builder: a binary tree by the binned surface-area heuristic, then collapsed to eight children.
 
-use super::tree::{BLOCK, Block, MAX_DEPTH, Node, Tree, WIDTH};
+use super::collapse::{Binary, Wide, price};
 use crate::bounds::Aabb;
 use glam::{Vec3, Vec3A};
 use std::ops::Range;
@@ -8,9 +8,8 @@ use std::ops::Range;
 /// Bins per axis.
 const BINS: usize = 32;
 
-/// Below this many levels the builder halves by count instead, which bounds the depth of any input:
-/// 8^11 exceeds 2^32.
-const SAH_DEPTH: usize = MAX_DEPTH - 12;
+/// Binary levels below which the builder halves by count, so that recursion stays shallow for any input.
+const SAH_DEPTH: usize = 96;
 
 /// Subtrees with more items are built in parallel.
 #[cfg(feature = "rayon")]
@@ -37,9 +36,9 @@ impl Item {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Bounds {
-    min: Vec3A,
-    max: Vec3A,
+pub(super) struct Bounds {
+    pub(super) min: Vec3A,
+    pub(super) max: Vec3A,
 }
 
 impl Bounds {
@@ -52,12 +51,12 @@ impl Bounds {
     }
 
     #[inline(always)]
-    fn half_area(&self) -> f32 {
+    pub(super) fn half_area(&self) -> f32 {
         let e = self.max - self.min;
         e.x * e.y + e.y * e.z + e.z * e.x
     }
 
-    fn aabb(&self) -> Aabb {
+    pub(super) fn aabb(&self) -> Aabb {
         Aabb::new(Vec3::from(self.min), Vec3::from(self.max))
     }
 }
@@ -81,104 +80,79 @@ impl Part {
     }
 }
 
-/// What a group of at most [`Leaves::SIZE`] items becomes.
-pub(super) trait Leaves: Sync {
-    /// Most items in one leaf.
-    const SIZE: usize;
-
-    /// Appends the leaf to `blocks` and returns the child entry, with block numbers counted from the vector's start.
-    fn leaf(&self, items: &mut [Item], blocks: &mut Vec<Block>) -> u32;
+/// Builds the tree of `items` with up to `leaf` items in a leaf. The same bytes for any number of threads.
+pub(super) fn build(items: Vec<Item>, leaf: usize) -> Wide {
+    let built = halved_below(items, leaf, SAH_DEPTH);
+    // Inputs made to unbalance areas end here: halving by count is never deep.
+    built.or_else(|items| halved_below(items, leaf, 0)).unwrap_or_default()
 }
 
-/// Leaves of triangle blocks.
-pub(super) struct Triangles<F>(pub(super) F);
-
-impl<F: Fn(u32) -> [Vec3; 3] + Sync> Leaves for Triangles<F> {
-    const SIZE: usize = WIDTH;
-
-    fn leaf(&self, items: &mut [Item], blocks: &mut Vec<Block>) -> u32 {
-        // Within a block the lowest id comes first, as ties go to it.
-        items.sort_unstable_by_key(|item| item.id);
-        blocks.push(Block::new(items.iter().map(|item| (item.id, self.0(item.id)))));
-        BLOCK | (blocks.len() - 1) as u32
+fn halved_below(mut items: Vec<Item>, leaf: usize, sah_depth: usize) -> Result<Wide, Vec<Item>> {
+    let mut binary = Vec::with_capacity(items.len() / leaf.max(2));
+    if !items.is_empty() {
+        let all = Part::of(&items, 0..items.len());
+        subtree(&mut items, 0, all, sah_depth, leaf, &mut binary);
     }
+    Wide::collapse(&binary, items)
 }
 
-/// Leaves that are the items themselves.
-pub(super) struct Single;
-
-impl Leaves for Single {
-    const SIZE: usize = 1;
-
-    fn leaf(&self, items: &mut [Item], _: &mut Vec<Block>) -> u32 {
-        BLOCK | items[0].id
+/// Appends the priced binary subtree over `items`, which begin at `first` of all items. Surface areas decide for
+/// `sah_depth` more levels.
+fn subtree(items: &mut [Item], first: u32, part: Part, sah_depth: usize, leaf: usize, out: &mut Vec<Binary>) {
+    let index = out.len();
+    let count = items.len();
+    out.push(Binary::new(part.bounds, first, first + count as u32));
+    // Leaves are first made half as large, so that the collapse may choose how to fill them.
+    if count > (leaf / 2).max(1) {
+        let (left, right) = split(items, &part, sah_depth > 0, leaf);
+        let deeper = sah_depth.saturating_sub(1);
+        let (own, others) = items.split_at_mut(left.items.len());
+        let middle = first + own.len() as u32;
+        let right = Part { items: 0..others.len(), ..right };
+        let left_index = out.len();
+        let right_index;
+        #[cfg(feature = "rayon")]
+        if count > PARALLEL {
+            let (mut a, mut b) = (Vec::new(), Vec::new());
+            rayon::join(
+                || subtree(own, first, left, deeper, leaf, &mut a),
+                || subtree(others, middle, right, deeper, leaf, &mut b),
+            );
+            right_index = left_index + a.len();
+            append(out, a);
+            append(out, b);
+            out[index].children = [left_index as u32, right_index as u32];
+            price(out, index, leaf as u32);
+            return;
+        }
+        subtree(own, first, left, deeper, leaf, out);
+        right_index = out.len();
+        subtree(others, middle, right, deeper, leaf, out);
+        out[index].children = [left_index as u32, right_index as u32];
     }
+    price(out, index, leaf as u32);
 }
 
-/// Builds the tree of `items`. The same bytes for any number of threads.
-pub(super) fn build<L: Leaves>(mut items: Vec<Item>, leaves: &L) -> Tree {
-    if items.is_empty() {
-        return Tree::default();
-    }
-    let mut tree = Tree::default();
-    let all = Part::of(&items, 0..items.len());
-    tree.bounds = Some(all.bounds.aabb());
-    node(&mut items, all, 0, leaves, &mut tree);
-    tree
+#[cfg(feature = "rayon")]
+fn append(out: &mut Vec<Binary>, subtree: Vec<Binary>) {
+    let offset = out.len() as u32;
+    out.extend(subtree.into_iter().map(|mut node| {
+        if node.children != [0; 2] {
+            node.children = [node.children[0] + offset, node.children[1] + offset];
+        }
+        node
+    }));
 }
 
-/// Appends the subtree of a part and returns its node.
-fn node<L: Leaves>(items: &mut [Item], part: Part, depth: usize, leaves: &L, tree: &mut Tree) -> u32 {
-    let parts = children(items, part, depth, L::SIZE);
-    let index = tree.nodes.len();
-    tree.nodes.push(Node::EMPTY);
-    #[cfg(feature = "rayon")]
-    if items.len() > PARALLEL {
-        parallel::children(items, &parts, depth, leaves, tree, index);
-        return index as u32;
-    }
-    for (lane, part) in parts.iter().enumerate() {
-        let own = &mut items[part.items.clone()];
-        let child = child(own, part, depth, leaves, tree);
-        tree.nodes[index].set(lane, &part.bounds.aabb(), child);
-    }
-    index as u32
-}
-
-fn child<L: Leaves>(own: &mut [Item], part: &Part, depth: usize, leaves: &L, tree: &mut Tree) -> u32 {
-    if own.len() <= L::SIZE {
-        return leaves.leaf(own, &mut tree.blocks);
-    }
-    let part = Part { items: 0..own.len(), ..part.clone() };
-    node(own, part, depth + 1, leaves, tree)
-}
-
-/// Splits a part into up to eight, always opening the one with the largest surface.
-fn children(items: &mut [Item], part: Part, depth: usize, leaf: usize) -> Vec<Part> {
-    let mut parts = Vec::with_capacity(WIDTH);
-    parts.push(part);
-    while parts.len() < WIDTH {
-        let open = (0..parts.len()).filter(|&i| parts[i].items.len() > leaf);
-        // The first of the largest; by count where the builder has given up on areas.
-        let size = |p: &Part| if depth < SAH_DEPTH { p.bounds.half_area() } else { p.items.len() as f32 };
-        let Some(i) = open.reduce(|a, b| if size(&parts[b]) > size(&parts[a]) { b } else { a }) else {
-            break;
-        };
-        let (left, right) = split(items, &parts[i], depth, leaf);
-        parts[i] = left;
-        parts.push(right);
-    }
-    parts
-}
-
-fn split(items: &mut [Item], part: &Part, depth: usize, leaf: usize) -> (Part, Part) {
-    let best = if depth < SAH_DEPTH { best_plane(&items[part.items.clone()], part, leaf) } else { None };
+fn split(items: &mut [Item], part: &Part, by_area: bool, leaf: usize) -> (Part, Part) {
+    let best = if by_area { best_plane(&items[part.items.clone()], part, leaf) } else { None };
     match best {
         Some(plane) => partition(items, part, &plane),
         None => {
-            // A whole number of full leaves on the left.
-            let half = part.items.len().div_ceil(2).next_multiple_of(leaf).min(part.items.len() - 1);
-            let middle = part.items.start + half;
+            // Full leaves on the left where there is more than one.
+            let half = part.items.len().div_ceil(2);
+            let half = if part.items.len() > leaf { half.next_multiple_of(leaf) } else { half };
+            let middle = part.items.start + half.min(part.items.len() - 1);
             (Part::of(items, part.items.start..middle), Part::of(items, middle..part.items.end))
         }
     }
@@ -293,60 +267,4 @@ fn partition(items: &mut [Item], part: &Part, plane: &Plane) -> (Part, Part) {
         Part { items: part.items.start..i, bounds: plane.left, centres: left },
         Part { items: i..part.items.end, bounds: plane.right, centres: right },
     )
-}
-
-#[cfg(feature = "rayon")]
-mod parallel {
-    use super::*;
-    use rayon::prelude::*;
-
-    /// Builds each child on its own and appends them in order: the layout of the serial build.
-    pub(super) fn children<L: Leaves>(
-        items: &mut [Item],
-        parts: &[Part],
-        depth: usize,
-        leaves: &L,
-        tree: &mut Tree,
-        index: usize,
-    ) {
-        let mut jobs = Vec::with_capacity(parts.len());
-        let mut order: Vec<usize> = (0..parts.len()).collect();
-        order.sort_by_key(|&i| parts[i].items.start);
-        let mut rest = items;
-        for i in order {
-            let (own, after) = rest.split_at_mut(parts[i].items.len());
-            jobs.push((i, own));
-            rest = after;
-        }
-        jobs.sort_by_key(|job| job.0);
-        let subtrees: Vec<(u32, Tree)> = jobs
-            .into_par_iter()
-            .map(|(i, own)| {
-                let mut tree = Tree::default();
-                (child(own, &parts[i], depth, leaves, &mut tree), tree)
-            })
-            .collect();
-        for (lane, (child, subtree)) in subtrees.into_iter().enumerate() {
-            let (nodes, blocks) = (tree.nodes.len() as u32, tree.blocks.len() as u32);
-            let move_child = |c: u32| if c & BLOCK == 0 { c + nodes } else { moved_leaf::<L>(c, blocks) };
-            tree.nodes[index].set(lane, &parts[lane].bounds.aabb(), move_child(child));
-            tree.nodes.extend(subtree.nodes.into_iter().map(|mut node| {
-                for child in used(&mut node) {
-                    *child = move_child(*child);
-                }
-                node
-            }));
-            tree.blocks.extend(subtree.blocks);
-        }
-    }
-
-    fn moved_leaf<L: Leaves>(child: u32, blocks: u32) -> u32 {
-        if L::SIZE == 1 { child } else { child + blocks }
-    }
-
-    fn used(node: &mut Node) -> impl Iterator<Item = &mut u32> {
-        let lower = node.bounds[0][0];
-        let upper = node.bounds[0][1];
-        node.children.iter_mut().enumerate().filter(move |(i, _)| lower[*i] <= upper[*i]).map(|(_, c)| c)
-    }
 }

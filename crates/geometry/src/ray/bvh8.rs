@@ -1,10 +1,11 @@
 //! The watertight eight-wide tree over one mesh.
 
-use super::build::{self, Item, Triangles};
+use super::build::{self, Item};
+use super::collapse::Wide;
 use super::exact::Sheared;
 use super::frame::Frame;
 use super::single::{Best, Stack, Walk, trace};
-use super::tree::{BLOCK, Block, Node, Tree};
+use super::tree::{BLOCK, Block, Node, Tree, WIDTH};
 use super::{Hit, Ray, RayCaster};
 use crate::bounds::Aabb;
 use crate::mesh::TriangleMesh;
@@ -93,11 +94,26 @@ impl Bvh8 {
         };
         #[cfg(not(feature = "rayon"))]
         let items = (0..count).map(item).collect();
-        Self::with_tree(mesh, frame, build::build(items, &Triangles(corners)))
+        Self::with_tree(mesh, frame, build::build(items, WIDTH))
     }
 
-    pub(super) fn with_tree(mesh: &TriangleMesh, frame: Frame, tree: Tree) -> Self {
-        Self { frame, tree, level: SimdLevel::Detect.level(), triangles: mesh.triangles().len() }
+    pub(super) fn with_tree(mesh: &TriangleMesh, frame: Frame, wide: Wide) -> Self {
+        let Wide { nodes, leaves, items, bounds } = wide;
+        let block = |range: &[u32; 2]| {
+            let items = &items[range[0] as usize..range[1] as usize];
+            Block::new(items.iter().map(|item| {
+                (item.id, mesh.corners(item.id as usize).map(|p| frame.vertex(p)))
+            }))
+        };
+        #[cfg(feature = "rayon")]
+        let blocks = {
+            use rayon::prelude::*;
+            leaves.par_iter().map(block).collect()
+        };
+        #[cfg(not(feature = "rayon"))]
+        let blocks = leaves.iter().map(block).collect();
+        let (tree, triangles) = (Tree { nodes, blocks, bounds }, mesh.triangles().len());
+        Self { frame, tree, level: SimdLevel::Detect.level(), triangles }
     }
 
     /// The same caster with other instructions; for measurements.

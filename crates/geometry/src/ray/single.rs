@@ -5,10 +5,10 @@
 //! time but never a hit.
 
 use super::Hit;
-use super::exact::{Crossing, Sheared};
+use super::exact::{Crossing, Sheared, each};
 use super::frame::power_of_two_above;
 use super::tree::{BLOCK, Block, Node, STACK, Tree};
-use crate::bounds::Aabb;
+use crate::bounds::DAabb;
 use fearless_simd::{Simd, f32x8, prelude::*};
 use glam::DVec3;
 
@@ -22,7 +22,7 @@ const SHEARED_ERROR: f32 = 1.0 / (1 << 20) as f32;
 /// Distance in tree units by which the box test enlarges boxes: the origin's conversion, doubled.
 const BOX_PAD: f32 = 1.0 / (1 << 22) as f32;
 
-/// Relative error of a slab distance, both sides together: three roundings each, rounded up to a power of two.
+/// Relative error of a slab distance, both sides together: four roundings each, rounded up to a power of two.
 const SLAB_FACTOR: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
 /// The best hit so far; `key` is instance and triangle.
@@ -94,29 +94,37 @@ pub(super) struct Walk {
 impl Walk {
     /// `None` when the ray misses the tree's box.
     #[inline(always)]
-    pub(super) fn new(bounds: &Aabb, origin: DVec3, direction: DVec3, ray: &Sheared) -> Option<Self> {
+    pub(super) fn new(bounds: &DAabb, origin: DVec3, direction: DVec3, ray: &Sheared) -> Option<Self> {
         let far_error = origin.abs().max_element() * (0.25 / (1u64 << 48) as f64);
-        let (enter, leave) = clip(bounds, origin, direction, 1e-6 + 4.0 * far_error);
-        let offset = if enter > ray.t_min { enter } else { ray.t_min };
-        // Written so that NaN, which only absurdly far origins give, walks on.
-        if offset > leave || offset > ray.t_max {
+        let mut offset = ray.t_min;
+        let inside = (origin.cmpge(bounds.min) & origin.cmple(bounds.max)).all();
+        if !inside {
+            let (enter, leave) = clip(bounds, origin, direction, 1e-6 + 4.0 * far_error);
+            offset = if enter > offset { enter } else { offset };
+            // Written so that NaN, which only absurdly far origins give, walks on.
+            if offset > leave {
+                return None;
+            }
+        }
+        if offset > ray.t_max {
             return None;
         }
         let per_t = power_of_two_above(direction[ray.axes[2]].abs());
-        let o = origin + direction * offset;
+                let o = origin + direction * offset;
         // A component this small moves the ray by less than the margin on its whole way.
-        let d = (direction / per_t).to_array().map(|x| if x.abs() < 1e-20 { 1e-20 } else { x });
+        let scaled = direction * (1.0 / per_t);
+        let d = each(|i| if scaled[i].abs() < 1e-20 { 1e-20 } else { scaled[i] as f32 });
         let pad = BOX_PAD + 2.0 * far_error as f32;
-        let away = d.map(|x| if x < 0.0 { -pad } else { pad });
+        let away = each(|i| if d[i] < 0.0 { -pad } else { pad });
         let error = SHEARED_ERROR + 4.0 * far_error as f32;
         let depth = |t: f64| ((t - offset) * per_t) as f32;
         Some(Self {
-            near: [0, 1, 2].map(|i| o[i] as f32 + away[i]),
-            far: [0, 1, 2].map(|i| o[i] as f32 - away[i]),
-            inverse: d.map(|x| (1.0 / x) as f32),
-            negative: d.map(|x| usize::from(x < 0.0)),
+            near: each(|i| o[i] as f32 + away[i]),
+            far: each(|i| o[i] as f32 - away[i]),
+            inverse: each(|i| 1.0 / d[i]),
+            negative: each(|i| usize::from(d[i] < 0.0)),
             axes: ray.axes,
-            origin: ray.axes.map(|a| o[a] as f32),
+            origin: each(|i| o[ray.axes[i]] as f32),
             shear: [ray.shear[0] as f32, ray.shear[1] as f32, (ray.shear[2] * per_t) as f32],
             error,
             start: depth(ray.t_min) - error,
@@ -134,8 +142,8 @@ impl Walk {
 
 /// Where a line enters and leaves a box enlarged by `pad`.
 #[inline(always)]
-fn clip(bounds: &Aabb, origin: DVec3, direction: DVec3, pad: f64) -> (f64, f64) {
-    let (lo, hi) = (bounds.min.as_dvec3() - pad - origin, bounds.max.as_dvec3() + pad - origin);
+fn clip(bounds: &DAabb, origin: DVec3, direction: DVec3, pad: f64) -> (f64, f64) {
+    let (lo, hi) = (bounds.min - pad - origin, bounds.max + pad - origin);
     let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {
         let d = direction[axis];
@@ -175,26 +183,29 @@ pub(super) fn trace<S: Simd, const ANY: bool>(
             let Some(node) = tree.nodes.get(current as usize) else { return };
             let (mut hits, distances) = boxes(simd, node, walk, limit);
             if hits != 0 {
-                let entry = |lane: u32| {
-                    let lane = lane as usize & 7;
+                let first = hits.trailing_zeros() as usize & 7;
+                hits &= hits - 1;
+                if hits == 0 {
+                    current = node.children[first];
+                    continue;
+                }
+                let entry = |lane: usize| {
                     u64::from(distances[lane].to_bits()) << 32 | u64::from(node.children[lane])
                 };
-                let mut nearest = entry(hits.trailing_zeros());
-                hits &= hits - 1;
+                let mut nearest = entry(first);
                 let base = height;
                 while hits != 0 {
-                    let mut next = entry(hits.trailing_zeros());
+                    let next = entry(hits.trailing_zeros() as usize & 7);
                     hits &= hits - 1;
-                    if next < nearest {
-                        std::mem::swap(&mut next, &mut nearest);
-                    }
+                    let farther = nearest.max(next);
+                    nearest = nearest.min(next);
                     // Insertion sort of what waits.
                     let mut at = height;
-                    while at > base && stack[(at - 1) & (STACK - 1)] < next {
+                    while at > base && stack[(at - 1) & (STACK - 1)] < farther {
                         stack[at & (STACK - 1)] = stack[(at - 1) & (STACK - 1)];
                         at -= 1;
                     }
-                    stack[at & (STACK - 1)] = next;
+                    stack[at & (STACK - 1)] = farther;
                     height += 1;
                 }
                 current = nearest as u32;
@@ -206,8 +217,9 @@ pub(super) fn trace<S: Simd, const ANY: bool>(
             while lanes != 0 {
                 let lane = lanes.trailing_zeros() as usize & 7;
                 lanes &= lanes - 1;
-                let corner = |i: usize| ray.axes.map(|a| block.corners[a][i][lane]);
-                if let Some(hit) = ray.cross([corner(0), corner(1), corner(2)])
+                let rows = each(|i| &block.corners[ray.axes[i]]);
+                let corners = each(|corner| each(|i| rows[i][corner][lane]));
+                if let Some(hit) = ray.cross(corners)
                     && best.offer(instance << 32 | u64::from(block.ids[lane]), &hit)
                 {
                     if ANY {
@@ -253,9 +265,9 @@ fn boxes<S: Simd>(simd: S, node: &Node, walk: &Walk, limit: f32) -> (u32, [f32; 
 #[inline(always)]
 fn triangles<S: Simd>(simd: S, block: &Block, walk: &Walk, limit: f32) -> u32 {
     let splat = |x: f32| f32x8::splat(simd, x);
-    let [x, y, z] = walk.axes.map(|a| &block.corners[a]);
-    let [ox, oy, oz] = walk.origin.map(splat);
-    let [sx, sy, sz] = walk.shear.map(splat);
+    let [x, y, z] = each(|i| &block.corners[walk.axes[i]]);
+    let [ox, oy, oz] = each(|i| splat(walk.origin[i]));
+    let [sx, sy, sz] = each(|i| splat(walk.shear[i]));
     let corner = |i: usize| {
         let z = f32x8::load_array_ref(simd, &z[i]) - oz;
         let x = (f32x8::load_array_ref(simd, &x[i]) - ox) - sx * z;

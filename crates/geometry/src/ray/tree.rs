@@ -1,6 +1,6 @@
 //! The tree's memory: nodes of eight boxes, blocks of eight triangles.
 
-use crate::bounds::Aabb;
+use crate::bounds::{Aabb, DAabb};
 use glam::Vec3;
 
 /// Lanes of a node and of a block.
@@ -38,9 +38,8 @@ impl Node {
     }
 }
 
-/// Eight triangles, as `corners[axis][corner][lane]`. Spare lanes hold a single point of a triangle of the block,
-/// which no ray hits and which is never nearer than that triangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Eight triangles, as `corners[axis][corner][lane]`. Spare lanes hold NaN, with which every comparison fails.
+#[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Block {
     pub(super) corners: [[[f32; WIDTH]; 3]; 3],
@@ -49,14 +48,10 @@ pub(super) struct Block {
 
 impl Block {
     /// A block of up to eight triangles.
-    pub(super) fn new(triangles: impl ExactSizeIterator<Item = (u32, [Vec3; 3])>) -> Self {
-        let mut block = Self { corners: [[[0.0; WIDTH]; 3]; 3], ids: [0; WIDTH] };
-        let count = triangles.len();
+    pub(super) fn new(triangles: impl Iterator<Item = (u32, [Vec3; 3])>) -> Self {
+        let mut block = Self { corners: [[[f32::NAN; WIDTH]; 3]; 3], ids: [u32::MAX; WIDTH] };
         for (lane, (id, corners)) in triangles.enumerate() {
             block.set(lane, id, without_area_as_segment(corners));
-        }
-        for lane in count..WIDTH {
-            block.set(lane, block.ids[0], [block.corner(0, 0); 3]);
         }
         block
     }
@@ -120,11 +115,11 @@ fn is_collinear([a, b, c]: [Vec3; 3]) -> bool {
 }
 
 /// Nodes and blocks; the root is node 0 unless there is no triangle.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,
     pub(super) blocks: Vec<Block>,
-    pub(super) bounds: Option<Aabb>,
+    pub(super) bounds: Option<DAabb>,
 }
 
 #[cfg(test)]
