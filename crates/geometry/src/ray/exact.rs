@@ -26,9 +26,9 @@ pub(super) struct Sheared {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Crossing {
     pub(super) t: f64,
-    /// Weights of the second and third corner.
-    pub(super) weights: [f32; 2],
-    pub(super) back_face: bool,
+    /// Twice the signed areas opposite the second and third corner, and of the whole triangle; negative for back
+    /// faces.
+    pub(super) areas: [f64; 3],
 }
 
 impl Sheared {
@@ -53,11 +53,7 @@ impl Sheared {
         let det = sum(u, v, w);
         let t = sum(u * az, v * bz, w * cz) / det * self.shear[2];
         // Also false when det is zero (0/0): the ray lies in the triangle's plane or the triangle has no area.
-        (t >= self.t_min && t <= self.t_max && det != 0.0).then(|| Crossing {
-            t,
-            weights: [(v / det) as f32, (w / det) as f32],
-            back_face: det < 0.0,
-        })
+        (t >= self.t_min && t <= self.t_max && det != 0.0).then_some(Crossing { t, areas: [v, w, det] })
     }
 
     #[inline(always)]
@@ -125,10 +121,10 @@ mod tests {
     fn distance_side_and_weights_of_a_simple_hit() {
         let down = Sheared::new(DVec3::new(0.25, 0.5, 3.0), DVec3::NEG_Z, 0.0, f64::INFINITY);
         let hit = cross(&down, TRIANGLE).unwrap();
-        assert_eq!((hit.t, hit.weights, hit.back_face), (3.0, [0.25, 0.5], false));
+        assert_eq!((hit.t, hit.areas), (3.0, [0.25, 0.5, 1.0]));
         let up = Sheared::new(DVec3::new(0.25, 0.5, -3.0), DVec3::Z * 2.0, 0.0, f64::INFINITY);
         let hit = cross(&up, TRIANGLE).unwrap();
-        assert_eq!((hit.t, hit.back_face), (1.5, true));
+        assert!(hit.t == 1.5 && hit.areas[2] < 0.0);
         assert!(cross(&Sheared { t_max: 1.4, ..up }, TRIANGLE).is_none());
         assert!(cross(&Sheared { t_min: 1.6, ..up }, TRIANGLE).is_none());
     }

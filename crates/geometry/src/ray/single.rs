@@ -19,32 +19,33 @@ use glam::DVec3;
 /// less than 15 units of 2⁻²⁴.
 const SHEARED_ERROR: f32 = 1.0 / (1 << 20) as f32;
 
-/// Distance in tree units by which the box test enlarges boxes: the origin's conversion, doubled.
-const BOX_PAD: f32 = 1.0 / (1 << 22) as f32;
-
-/// Relative error of a slab distance, both sides together: four roundings each, rounded up to a power of two.
-const SLAB_FACTOR: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+/// Distance in tree units by which the box test enlarges boxes.
+///
+/// All its roundings act like a shift of the face along its axis, as coordinates are below one: the origin's
+/// conversion (1 unit of 2⁻²⁴), its product with the inverse (1), the face's product where it is rounded by itself (1), their
+/// difference (2), and the relative error of the inverse, two roundings times a distance of up to 2 along the axis (4).
+const BOX_PAD: f32 = 1.0 / (1 << 20) as f32;
 
 /// The best hit so far; `key` is instance and triangle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Best {
     pub(super) t: f64,
     pub(super) key: u64,
-    pub(super) weights: [f32; 2],
-    pub(super) back_face: bool,
+    /// Twice the signed areas opposite the second and third corner, and of the whole triangle.
+    pub(super) areas: [f64; 3],
 }
 
 impl Best {
     pub(super) const NONE: Self =
-        Self { t: f64::INFINITY, key: u64::MAX, weights: [0.0; 2], back_face: false };
+        Self { t: f64::INFINITY, key: u64::MAX, areas: [0.0; 3] };
 
     pub(super) fn hit(&self) -> Option<Hit> {
         (self.key != u64::MAX).then(|| Hit {
             t: self.t,
             instance: (self.key >> 32) as u32,
             triangle: self.key as u32,
-            barycentrics: self.weights,
-            back_face: self.back_face,
+            barycentrics: [(self.areas[0] / self.areas[2]) as f32, (self.areas[1] / self.areas[2]) as f32],
+            back_face: self.areas[2] < 0.0,
         })
     }
 
@@ -53,7 +54,7 @@ impl Best {
     pub(super) fn offer(&mut self, key: u64, hit: &Crossing) -> bool {
         let better = hit.t < self.t || (hit.t == self.t && key < self.key);
         if better {
-            *self = Self { t: hit.t, key, weights: hit.weights, back_face: hit.back_face };
+            *self = Self { t: hit.t, key, areas: hit.areas };
         }
         better
     }
@@ -72,10 +73,10 @@ impl Stack {
 /// The ray in `f32`, from where it enters the tree's box, with direction components up to one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Walk {
-    /// Origins for the near and the far faces, moved apart by the margin.
+    /// Distance of a face = face · inverse + offset; near and far faces are moved apart by the margin.
+    inverse: [f32; 3],
     near: [f32; 3],
     far: [f32; 3],
-    inverse: [f32; 3],
     /// 1 where the direction is negative.
     negative: [usize; 3],
     /// Axes: two across, then the main one; `origin` and `shear` are in this order.
@@ -118,10 +119,11 @@ impl Walk {
         let away = each(|i| if d[i] < 0.0 { -pad } else { pad });
         let error = SHEARED_ERROR + 4.0 * far_error as f32;
         let depth = |t: f64| ((t - offset) * per_t) as f32;
+        let inverse = each(|i| 1.0 / d[i]);
         Some(Self {
-            near: each(|i| o[i] as f32 + away[i]),
-            far: each(|i| o[i] as f32 - away[i]),
-            inverse: each(|i| 1.0 / d[i]),
+            inverse,
+            near: each(|i| -(o[i] as f32 + away[i]) * inverse[i]),
+            far: each(|i| -(o[i] as f32 - away[i]) * inverse[i]),
             negative: each(|i| usize::from(d[i] < 0.0)),
             axes: ray.axes,
             origin: each(|i| o[ray.axes[i]] as f32),
@@ -250,14 +252,15 @@ fn boxes<S: Simd>(simd: S, node: &Node, walk: &Walk, limit: f32) -> (u32, [f32; 
         let faces = &node.bounds[axis];
         let inverse = f32x8::splat(simd, walk.inverse[axis]);
         let negative = walk.negative[axis] & 1;
-        let near = f32x8::load_array_ref(simd, &faces[negative]) - f32x8::splat(simd, walk.near[axis]);
-        let far = f32x8::load_array_ref(simd, &faces[negative ^ 1]) - f32x8::splat(simd, walk.far[axis]);
-        (near * inverse, far * inverse)
+        let near = f32x8::load_array_ref(simd, &faces[negative]);
+        let far = f32x8::load_array_ref(simd, &faces[negative ^ 1]);
+        let offset = |x: f32| f32x8::splat(simd, x);
+        (near.mul_add(inverse, offset(walk.near[axis])), far.mul_add(inverse, offset(walk.far[axis])))
     };
     let ((x0, x1), (y0, y1), (z0, z1)) = (slab(0), slab(1), slab(2));
     let near = x0.max(y0).max(z0.max(f32x8::splat(simd, 0.0)));
-    let far = x1.min(y1).min(z1) * SLAB_FACTOR;
-    let hits = near.simd_le(far.min(f32x8::splat(simd, limit))).to_bitmask() as u32;
+    let far = x1.min(y1).min(z1.min(f32x8::splat(simd, limit)));
+    let hits = near.simd_le(far).to_bitmask() as u32;
     (hits, near.to_array())
 }
 
