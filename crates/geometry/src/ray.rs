@@ -6,6 +6,7 @@
 //! | [`BruteForce`] | tests: every triangle in turn, a different method, no tree |
 
 mod brute;
+mod bundle;
 mod collapse;
 mod build;
 mod bvh8;

@@ -1,6 +1,7 @@
 //! The watertight eight-wide tree over one mesh.
 
 use super::build::{self, Item};
+use super::bundle::{Bundle, RAYS};
 use super::collapse::Wide;
 use super::exact::Sheared;
 use super::frame::Frame;
@@ -10,6 +11,7 @@ use super::{Hit, Ray, RayCaster};
 use crate::bounds::Aabb;
 use crate::mesh::TriangleMesh;
 use fearless_simd::{Level, Simd, dispatch};
+use glam::DVec3;
 
 /// Rays that one job of a parallel batch traces.
 #[cfg(feature = "rayon")]
@@ -174,7 +176,27 @@ fn trace_all<S: Simd>(simd: S, caster: &Bvh8, rays: &[Ray], hits: &mut [Option<H
     }
 }
 
+#[inline(always)]
+fn trace_bundle<S: Simd>(simd: S, caster: &Bvh8, origin: DVec3, directions: &[DVec3], hits: &mut [Option<Hit>]) {
+    let mut stack = Stack::new();
+    for (directions, hits) in directions.chunks(RAYS).zip(hits.chunks_mut(RAYS)) {
+        if let Some(mut bundle) = Bundle::new(simd, &caster.frame, origin, directions) {
+            bundle.trace(simd, &caster.tree, 0, &mut stack);
+            bundle.store(hits);
+            continue;
+        }
+        for (&direction, hit) in directions.iter().zip(hits) {
+            let ray = Ray::new(origin, direction);
+            *hit = ray.and_then(|ray| trace_one::<S, false>(simd, caster, &ray, &mut stack));
+        }
+    }
+}
+
 impl RayCaster for Bvh8 {
+    fn closest_bundle(&self, origin: DVec3, directions: &[DVec3], hits: &mut [Option<Hit>]) {
+        dispatch!(self.level, simd => trace_bundle(simd, self, origin, directions, hits));
+    }
+
     fn closest(&self, ray: &Ray) -> Option<Hit> {
         dispatch!(self.level, simd => trace_one::<_, false>(simd, self, ray, &mut Stack::new()))
     }

@@ -5,6 +5,7 @@
 //! time but never a hit.
 
 use super::Hit;
+use super::bundle::may_contain;
 use super::exact::{Crossing, Sheared, each};
 use super::frame::power_of_two_above;
 use super::tree::{BLOCK, Block, Node, STACK, Tree};
@@ -17,7 +18,7 @@ use glam::DVec3;
 /// With |origin| ≤ 1 + 2⁻¹⁰ and |vertex| ≤ 1: the origin's conversion, the difference (≤ 2), the shear's conversion
 /// and its product (≤ 2 each), the last difference (≤ 4) and the depth's own error through the shear add to
 /// less than 15 units of 2⁻²⁴.
-const SHEARED_ERROR: f32 = 1.0 / (1 << 20) as f32;
+pub(super) const SHEARED_ERROR: f32 = 1.0 / (1 << 20) as f32;
 
 /// Distance in tree units by which the box test enlarges boxes.
 ///
@@ -278,12 +279,7 @@ fn triangles<S: Simd>(simd: S, block: &Block, walk: &Walk, limit: f32) -> u32 {
         (x, y, z * sz)
     };
     let ((ax, ay, at), (bx, by, bt), (cx, cy, ct)) = (corner(0), corner(1), corner(2));
-    let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
-    // |Δu| ≤ ε(|bx| + |by| + |cx| + |cy|) + 2ε² + 3·2⁻²⁴(|cx·by| + |cy·bx|); coordinates are below 8, so twice the
-    // first two terms cover all, products below the smallest numbers included.
-    let reach = (ax.abs() + ay.abs()) + (bx.abs() + by.abs()) + (cx.abs() + cy.abs());
-    let margin = (reach + splat(walk.error)) * splat(4.0 * walk.error);
-    let inside = u.min(v).min(w).simd_ge(-margin) | u.max(v).max(w).simd_le(margin);
+    let inside = may_contain(simd, [ax, ay, bx, by, cx, cy], walk.error);
     let reached = at.min(bt).min(ct).simd_le(splat(limit)) & at.max(bt).max(ct).simd_ge(splat(walk.start));
     (inside & reached).to_bitmask() as u32
 }
