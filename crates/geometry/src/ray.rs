@@ -6,10 +6,10 @@
 //! | [`BruteForce`] | tests: every triangle in turn, a different method, no tree |
 
 mod brute;
-mod bundle;
-mod collapse;
 mod build;
+mod bundle;
 mod bvh8;
+mod collapse;
 mod exact;
 mod frame;
 mod single;

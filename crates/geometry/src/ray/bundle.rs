@@ -99,7 +99,8 @@ impl Bundle {
     /// another main axis or no length.
     #[inline(always)]
     fn aim<S: Simd>(&mut self, simd: S, group: usize, directions: &[DVec3], scale: f64) -> bool {
-        let at = |lane: usize| directions[if group * 4 + lane < directions.len() { group * 4 + lane } else { 0 }];
+        let at =
+            |lane: usize| directions[if group * 4 + lane < directions.len() { group * 4 + lane } else { 0 }];
         let (a, b, c, d) = (at(0), at(1), at(2), at(3));
         let axes = self.axes;
         let raw = each(|i| f64x4::load_array(simd, [a[i], b[i], c[i], d[i]]));
@@ -262,7 +263,11 @@ fn sum<S: Simd>(a: f64x4<S>, b: f64x4<S>, c: f64x4<S>) -> f64x4<S> {
 /// |Δu| ≤ ε(|bx| + |by| + |cx| + |cy|) + 2ε² + 3·2⁻²⁴(|cx·by| + |cy·bx|). Coordinates exceed neither 8 nor 8ε·2²⁰, so
 /// four times the first two terms cover all, products that vanish included.
 #[inline(always)]
-pub(super) fn may_contain<S: Simd>(simd: S, [ax, ay, bx, by, cx, cy]: [f32x8<S>; 6], error: f32) -> mask32x8<S> {
+pub(super) fn may_contain<S: Simd>(
+    simd: S,
+    [ax, ay, bx, by, cx, cy]: [f32x8<S>; 6],
+    error: f32,
+) -> mask32x8<S> {
     let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
     let reach = (ax.abs() + ay.abs()) + (bx.abs() + by.abs()) + (cx.abs() + cy.abs());
     let margin = (reach + f32x8::splat(simd, error)) * f32x8::splat(simd, 4.0 * error);
@@ -340,7 +345,8 @@ impl Pyramid {
             let [ax, bx, cx] = each(|corner| load(side, corner));
             let slopes = each(|end| splat(self.slopes[side][end.min(1)]));
             let low = az.mul_add(slopes[0], ax).max(bz.mul_add(slopes[0], bx)).max(cz.mul_add(slopes[0], cx));
-            let high = az.mul_add(slopes[1], ax).min(bz.mul_add(slopes[1], bx)).min(cz.mul_add(slopes[1], cx));
+            let high =
+                az.mul_add(slopes[1], ax).min(bz.mul_add(slopes[1], bx)).min(cz.mul_add(slopes[1], cx));
             low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
         };
         let depths = [az, bz, cz];

@@ -103,9 +103,9 @@ impl Bvh8 {
         let Wide { nodes, leaves, items, bounds } = wide;
         let block = |range: &[u32; 2]| {
             let items = &items[range[0] as usize..range[1] as usize];
-            Block::new(items.iter().map(|item| {
-                (item.id, mesh.corners(item.id as usize).map(|p| frame.vertex(p)))
-            }))
+            Block::new(
+                items.iter().map(|item| (item.id, mesh.corners(item.id as usize).map(|p| frame.vertex(p)))),
+            )
         };
         #[cfg(feature = "rayon")]
         let blocks = {
@@ -177,7 +177,13 @@ fn trace_all<S: Simd>(simd: S, caster: &Bvh8, rays: &[Ray], hits: &mut [Option<H
 }
 
 #[inline(always)]
-fn trace_bundle<S: Simd>(simd: S, caster: &Bvh8, origin: DVec3, directions: &[DVec3], hits: &mut [Option<Hit>]) {
+fn trace_bundle<S: Simd>(
+    simd: S,
+    caster: &Bvh8,
+    origin: DVec3,
+    directions: &[DVec3],
+    hits: &mut [Option<Hit>],
+) {
     let mut stack = Stack::new();
     for (directions, hits) in directions.chunks(RAYS).zip(hits.chunks_mut(RAYS)) {
         if let Some(mut bundle) = Bundle::new(simd, &caster.frame, origin, directions) {

@@ -37,8 +37,7 @@ pub(super) struct Best {
 }
 
 impl Best {
-    pub(super) const NONE: Self =
-        Self { t: f64::INFINITY, key: u64::MAX, areas: [0.0; 3] };
+    pub(super) const NONE: Self = Self { t: f64::INFINITY, key: u64::MAX, areas: [0.0; 3] };
 
     pub(super) fn hit(&self) -> Option<Hit> {
         (self.key != u64::MAX).then(|| Hit {
@@ -112,7 +111,7 @@ impl Walk {
             return None;
         }
         let per_t = power_of_two_above(direction[ray.axes[2]].abs());
-                let o = origin + direction * offset;
+        let o = origin + direction * offset;
         // A component this small moves the ray by less than the margin on its whole way.
         let scaled = direction * (1.0 / per_t);
         let d = each(|i| if scaled[i].abs() < 1e-20 { 1e-20 } else { scaled[i] as f32 });
@@ -192,9 +191,8 @@ pub(super) fn trace<S: Simd, const ANY: bool>(
                     current = node.children[first];
                     continue;
                 }
-                let entry = |lane: usize| {
-                    u64::from(distances[lane].to_bits()) << 32 | u64::from(node.children[lane])
-                };
+                let entry =
+                    |lane: usize| u64::from(distances[lane].to_bits()) << 32 | u64::from(node.children[lane]);
                 let mut nearest = entry(first);
                 let base = height;
                 while hits != 0 {
