@@ -43,6 +43,17 @@ fn main() {
     let rival = Rival::new(&mesh);
     let base = bvh.clone().with_simd(SimdLevel::Baseline);
     let floors = [(8.5, 7.2, 2.0), (6.2, 5.2, 3.0)];
+    if only.as_deref() == Some("2") {
+        let (eye, directions) = bundle(houses);
+        let mut hits = vec![None; 32];
+        let t = Instant::now();
+        while t.elapsed().as_secs_f64() < 6.0 {
+            for directions in directions.chunks(32) {
+                bvh.closest_bundle(eye, directions, &mut hits);
+            }
+        }
+        return;
+    }
     if let Some(o) = only {
         let mut hits = vec![None; 1024];
         let s = &sets[o.parse::<usize>().unwrap()];

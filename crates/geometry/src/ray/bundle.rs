@@ -42,33 +42,43 @@ pub(super) struct Bundle {
 }
 
 impl Bundle {
-    /// `None` when the rays are better, or only, traced one by one.
+    pub(super) fn new() -> Self {
+        Self {
+            axes: [0, 1, 2],
+            origin: [0.0; 3],
+            shear: [[0.0; RAYS]; 3],
+            shear_f32: [[0.0; RAYS]; 2],
+            sign: 1.0,
+            sides: [[0.0; 2]; 2],
+            error: 0.0,
+            best: [Best::NONE; RAYS],
+            limits: [f32::INFINITY; RAYS],
+        }
+    }
+
+    /// Takes new rays. False when they are better, or only, traced one by one.
     #[inline(always)]
-    pub(super) fn new<S: Simd>(simd: S, frame: &Frame, origin: DVec3, directions: &[DVec3]) -> Option<Self> {
+    pub(super) fn set<S: Simd>(&mut self, simd: S, frame: &Frame, origin: DVec3, directions: &[DVec3]) -> bool {
+        let bundle = self;
         let origin = frame.point(origin);
         let reach = origin.abs().max_element();
         // Negated so that NaN falls out as well.
         if directions.is_empty() || directions.len() > RAYS || !(reach <= FARTHEST) {
-            return None;
+            return false;
         }
         let axes = axes(directions[0]);
-        let mut bundle = Self {
-            axes,
-            origin: each(|i| origin[axes[i]]),
-            shear: [[0.0; RAYS]; 3],
-            shear_f32: [[0.0; RAYS]; 2],
-            sign: if directions[0][axes[2]] < 0.0 { -1.0 } else { 1.0 },
-            sides: [[0.0; 2]; 2],
-            error: SHEARED_ERROR * (reach as f32).max(1.0),
-            best: [Best::NONE; RAYS],
-            limits: [f32::INFINITY; RAYS],
-        };
+        bundle.axes = axes;
+        bundle.origin = each(|i| origin[axes[i]]);
+        bundle.sign = if directions[0][axes[2]] < 0.0 { -1.0 } else { 1.0 };
+        bundle.error = SHEARED_ERROR * (reach as f32).max(1.0);
+        bundle.best = [Best::NONE; RAYS];
+        bundle.limits = [f32::INFINITY; RAYS];
         let mut usable = true;
         for group in 0..directions.len().div_ceil(4) {
             usable &= bundle.aim(simd, group, directions, frame.scale());
         }
         if !usable {
-            return None;
+            return false;
         }
         let count = directions.len().next_multiple_of(4);
         for side in 0..2 {
@@ -79,7 +89,7 @@ impl Bundle {
                 high = if shear[i] > high { shear[i] } else { high };
             }
             if high - low > WIDEST {
-                return None;
+                return false;
             }
             for i in count..RAYS {
                 shear[i] = shear[0];
@@ -92,7 +102,7 @@ impl Bundle {
         }
         let third = bundle.shear[2][0];
         bundle.shear[2][count..].fill(third);
-        Some(bundle)
+        true
     }
 
     /// Normalises four directions exactly as [`Ray::new`](super::Ray::new) does and shears them. False when one has
@@ -219,13 +229,10 @@ impl Bundle {
     fn cross<S: Simd>(&mut self, simd: S, corners: [[f32; 3]; 3], key: u64, first: usize) -> bool {
         let splat = |x: f64| f64x4::splat(simd, x);
         let [sx, sy, sz] = each(|i| f64x4::from_slice(simd, &self.shear[i][first..first + 4]));
-        let sheared = |p: [f32; 3]| {
-            let [x, y, z] = each(|i| f64::from(p[i]) - self.origin[i]);
-            (splat(x) - sx * splat(z), splat(y) - sy * splat(z), splat(z))
-        };
-        let (ax, ay, az) = sheared(corners[0]);
-        let (bx, by, bz) = sheared(corners[1]);
-        let (cx, cy, cz) = sheared(corners[2]);
+        let local = each(|corner| each(|i| f64::from(corners[corner][i]) - self.origin[i]));
+        let [az, bz, cz] = each(|i| splat(local[i][2]));
+        let [ax, bx, cx] = [splat(local[0][0]) - sx * az, splat(local[1][0]) - sx * bz, splat(local[2][0]) - sx * cz];
+        let [ay, by, cy] = [splat(local[0][1]) - sy * az, splat(local[1][1]) - sy * bz, splat(local[2][1]) - sy * cz];
         let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
         let one_sign = u.min(v).min(w).simd_ge(0.0) | u.max(v).max(w).simd_le(0.0);
         let det = sum(u, v, w);
@@ -318,41 +325,50 @@ impl Pyramid {
     fn boxes<S: Simd>(&self, simd: S, node: &Node, limit: f32) -> (u32, [f32; 8]) {
         let splat = |x: f32| f32x8::splat(simd, x);
         let depth = &node.bounds[self.axes[2]];
-        let load = |rows: &[[f32; 8]; 2], i: usize| f32x8::load_array_ref(simd, &rows[i & 1]);
-        let side = |side: usize| {
-            let across = &node.bounds[self.axes[side]];
-            let low = load(depth, self.deep[side][0]).mul_add(splat(self.slopes[side][0]), load(across, 1));
-            let high = load(depth, self.deep[side][1]).mul_add(splat(self.slopes[side][1]), load(across, 0));
-            low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
-        };
         let backwards = usize::from(self.sign < 0.0);
-        let near = load(depth, backwards) * splat(self.sign) - splat(self.origin);
-        let far = load(depth, backwards ^ 1) * splat(self.sign) - splat(self.origin);
+        let near = row(simd, depth, backwards) * splat(self.sign) - splat(self.origin);
+        let far = row(simd, depth, backwards ^ 1) * splat(self.sign) - splat(self.origin);
         let near = (near - splat(self.error)).max(splat(0.0));
-        let hits = side(0) & side(1) & near.simd_le(splat(limit)) & far.simd_ge(splat(-self.error));
+        let hits = self.box_side(simd, node, 0) & self.box_side(simd, node, 1) & near.simd_le(splat(limit)) & far.simd_ge(splat(-self.error));
         // Empty lanes have their far face before the near one.
-        let hits = hits & load(depth, 0).simd_le(load(depth, 1));
+        let hits = hits & row(simd, depth, 0).simd_le(row(simd, depth, 1));
         (hits.to_bitmask() as u32, near.to_array())
+    }
+
+    #[inline(always)]
+    fn box_side<S: Simd>(&self, simd: S, node: &Node, side: usize) -> mask32x8<S> {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let (depth, across) = (&node.bounds[self.axes[2]], &node.bounds[self.axes[side]]);
+        let [low, high] = self.deep[side];
+        let low = row(simd, depth, low).mul_add(splat(self.slopes[side][0]), row(simd, across, 1));
+        let high = row(simd, depth, high).mul_add(splat(self.slopes[side][1]), row(simd, across, 0));
+        low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
+    }
+
+    #[inline(always)]
+    fn side<S: Simd>(&self, simd: S, block: &Block, [az, bz, cz]: [f32x8<S>; 3], side: usize) -> mask32x8<S> {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let across = &block.corners[self.axes[side]];
+        let [ax, bx, cx] = each(|corner| f32x8::load_array_ref(simd, &across[corner]));
+        let (low, high) = (splat(self.slopes[side][0]), splat(self.slopes[side][1]));
+        let low = az.mul_add(low, ax).max(bz.mul_add(low, bx)).max(cz.mul_add(low, cx));
+        let high = az.mul_add(high, ax).min(bz.mul_add(high, bx)).min(cz.mul_add(high, cx));
+        low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
     }
 
     #[inline(always)]
     fn triangles<S: Simd>(&self, simd: S, block: &Block, limit: f32) -> u32 {
         let splat = |x: f32| f32x8::splat(simd, x);
-        let rows = each(|i| &block.corners[self.axes[i]]);
-        let load = |axis: usize, corner: usize| f32x8::load_array_ref(simd, &rows[axis][corner]);
-        let [az, bz, cz] = each(|corner| load(2, corner));
-        let side = |side: usize| {
-            let [ax, bx, cx] = each(|corner| load(side, corner));
-            let slopes = each(|end| splat(self.slopes[side][end.min(1)]));
-            let low = az.mul_add(slopes[0], ax).max(bz.mul_add(slopes[0], bx)).max(cz.mul_add(slopes[0], cx));
-            let high =
-                az.mul_add(slopes[1], ax).min(bz.mul_add(slopes[1], bx)).min(cz.mul_add(slopes[1], cx));
-            low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
-        };
-        let depths = [az, bz, cz];
+        let depth = &block.corners[self.axes[2]];
+        let depths = each(|corner| f32x8::load_array_ref(simd, &depth[corner]));
         let [a, b, c] = each(|i| depths[i] * splat(self.sign) - splat(self.origin));
         let near = a.min(b).min(c).simd_le(splat(limit + self.error));
         let far = a.max(b).max(c).simd_ge(splat(-self.error));
-        (side(0) & side(1) & near & far).to_bitmask() as u32
+        (self.side(simd, block, depths, 0) & self.side(simd, block, depths, 1) & near & far).to_bitmask() as u32
     }
+}
+
+#[inline(always)]
+fn row<S: Simd>(simd: S, rows: &[[f32; 8]; 2], index: usize) -> f32x8<S> {
+    f32x8::load_array_ref(simd, &rows[index & 1])
 }

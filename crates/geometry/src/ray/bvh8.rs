@@ -184,9 +184,9 @@ fn trace_bundle<S: Simd>(
     directions: &[DVec3],
     hits: &mut [Option<Hit>],
 ) {
-    let mut stack = Stack::new();
+    let (mut stack, mut bundle) = (Stack::new(), Bundle::new());
     for (directions, hits) in directions.chunks(RAYS).zip(hits.chunks_mut(RAYS)) {
-        if let Some(mut bundle) = Bundle::new(simd, &caster.frame, origin, directions) {
+        if bundle.set(simd, &caster.frame, origin, directions) {
             bundle.trace(simd, &caster.tree, 0, &mut stack);
             bundle.store(hits);
             continue;
