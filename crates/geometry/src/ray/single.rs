@@ -49,6 +49,11 @@ impl Best {
         })
     }
 
+    /// Swaps the sides: the triangle was mirrored.
+    pub(super) fn mirror(&mut self) {
+        self.areas = [-self.areas[0], -self.areas[1], -self.areas[2]];
+    }
+
     /// Takes a nearer hit, or an equally near one with a lower key.
     #[inline(always)]
     pub(super) fn offer(&mut self, key: u64, hit: &Crossing) -> bool {
