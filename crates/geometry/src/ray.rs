@@ -1,4 +1,27 @@
 //! Ray casting: what is asked and answered, whoever answers.
+//!
+//! | caster | for |
+//! |---|---|
+//! | [`Bvh8`] | one mesh: eight-wide tree in SIMD, watertight, exact to `f64` |
+//! | [`SceneCaster`] | all instances of a scene |
+//! | [`BruteForce`] | tests: every triangle in turn, a different method, no tree |
+
+mod brute;
+mod build;
+mod bundle;
+mod bvh8;
+mod collapse;
+mod exact;
+mod frame;
+mod instances;
+mod nearest;
+mod single;
+mod tree;
+
+pub use brute::BruteForce;
+pub use bvh8::{Bvh8, SimdLevel};
+pub use instances::{SceneCaster, SceneCasterError};
+pub use nearest::SurfacePoint;
 
 use glam::DVec3;
 

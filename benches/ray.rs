@@ -1,0 +1,383 @@
+//! Ray casting speed on a generated town, each figure beside the floor that it must not fall below.
+//!
+//! `cargo bench --bench ray` prints the table; `-- --quick` uses a small town; `-- --check` exits non-zero when a floor
+//! is missed. Times are the best of several runs; ours and the rival's alternate, so that both see
+//! the same machine.
+
+use farsight_geometry::glam::{DVec3, Vec3};
+use farsight_geometry::ray::{Bvh8, SimdLevel};
+use farsight_geometry::{Hit, Ray, RayCaster, TriangleMesh};
+use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, ray::RayHit, triangle::Triangle};
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+const SIDE: usize = 512;
+
+fn main() {
+    let has = |flag: &str| std::env::args().any(|a| a == flag);
+    let houses = if has("--quick") { 6 } else { 24 };
+    let mesh = town(houses);
+    let mut table = Table::default();
+    println!("town: {} triangles", mesh.triangles().len());
+
+    let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let (one, two) = (pool(1), pool(2));
+    let (mut bvh, mut build) = (None, f64::INFINITY);
+    for _ in 0..3 {
+        let start = Instant::now();
+        bvh = Some(one.install(|| Bvh8::new(&mesh)));
+        build = build.min(start.elapsed().as_secs_f64());
+    }
+    let bvh = bvh.unwrap();
+    let (nodes, blocks) = bvh.node_and_block_count();
+    println!(
+        "tree: {nodes} nodes, {blocks} blocks ({:.2} triangles each), {:.1} MB, depth {}",
+        mesh.triangles().len() as f64 / blocks as f64,
+        bvh.bytes() as f64 / 1e6,
+        bvh.depth()
+    );
+    table.most("build, s, one thread", build, 1.0);
+
+    let only = std::env::var("RAY_ONLY").ok();
+    let sets = [("coherent", pinhole(houses)), ("incoherent", street(houses))];
+    let rival = Rival::new(&mesh);
+    let base = bvh.clone().with_simd(SimdLevel::Baseline);
+    let floors = [(8.5, 7.2, 2.0), (6.2, 5.2, 3.0)];
+    if only.as_deref() == Some("2") {
+        let (eye, directions) = bundle(houses);
+        let mut hits = vec![None; 32];
+        let t = Instant::now();
+        while t.elapsed().as_secs_f64() < 6.0 {
+            for directions in directions.chunks(32) {
+                bvh.closest_bundle(eye, directions, &mut hits);
+            }
+        }
+        return;
+    }
+    if let Some(o) = only {
+        let mut hits = vec![None; 1024];
+        let s = &sets[o.parse::<usize>().unwrap()];
+        let t = Instant::now();
+        while t.elapsed().as_secs_f64() < 6.0 {
+            for rays in s.1.chunks(1024) {
+                bvh.closest_batch(rays, &mut hits);
+            }
+        }
+        return;
+    }
+    for ((name, rays), (floor, floor_base, floor_ratio)) in sets.iter().zip(floors) {
+        let mut hits = vec![None; rays.len()];
+        let (mut ours, mut baseline, mut theirs) = (0.0f64, 0.0f64, 0.0f64);
+        // Chunks below the size that batches split keep this on one thread.
+        let run = |caster: &Bvh8, hits: &mut [Option<Hit>]| {
+            for (rays, hits) in rays.chunks(1024).zip(hits.chunks_mut(1024)) {
+                caster.closest_batch(rays, hits);
+            }
+        };
+        for _ in 0..7 {
+            ours = ours.max(mrays(rays.len(), || run(&bvh, &mut hits)));
+            theirs = theirs.max(mrays(rays.len(), || rival.trace(rays)));
+            baseline = baseline.max(mrays(rays.len(), || run(&base, &mut hits)));
+        }
+        table.least(&format!("{name}, Mray/s"), ours, floor);
+        table.least(&format!("{name}, baseline instructions, Mray/s"), baseline, floor_base);
+        table.info(&format!("{name}, obvhs, Mray/s"), theirs);
+        table.least(&format!("{name}, ratio to obvhs"), ours / theirs, floor_ratio);
+        println!("{name}: {} of {} rays hit", hits.iter().flatten().count(), rays.len());
+    }
+
+    let (eye, directions) = bundle(houses);
+    let mut hits = vec![None; directions.len()];
+    let mut speed = 0.0f64;
+    for _ in 0..9 {
+        speed = speed.max(mrays(directions.len(), || {
+            for (directions, hits) in directions.chunks(32).zip(hits.chunks_mut(32)) {
+                bvh.closest_bundle(eye, directions, hits);
+            }
+        }));
+    }
+    table.least("bundles of 32 coherent, Mray/s", speed, 38.0);
+
+    let many: Vec<Ray> = sets.iter().flat_map(|s| s.1.iter().copied()).cycle().take(1 << 20).collect();
+    let mut hits = vec![None; many.len()];
+    let mut wall = |pool: &rayon::ThreadPool| {
+        let run = |_| {
+            let start = Instant::now();
+            pool.install(|| bvh.closest_batch(&many, &mut hits));
+            start.elapsed().as_secs_f64()
+        };
+        (0..4).map(run).fold(f64::INFINITY, f64::min)
+    };
+    let ratio = wall(&one) / wall(&two);
+    table.least("two threads over one (wall)", ratio, 1.9);
+    table.least("leaks in aimed rays, 0 = none", -(leaks() as f64), 0.0);
+    if has("--check") && !table.passed {
+        std::process::exit(1);
+    }
+}
+
+struct Table {
+    passed: bool,
+}
+
+impl Default for Table {
+    fn default() -> Self {
+        println!("{:<46} {:>9} {:>9}", "", "measured", "floor");
+        Self { passed: true }
+    }
+}
+
+impl Table {
+    fn row(&mut self, name: &str, value: f64, bound: f64, ok: bool) {
+        println!("{name:<46} {value:>9.2} {bound:>9.2} {}", if ok { "ok" } else { "MISSED" });
+        self.passed &= ok;
+    }
+
+    fn least(&mut self, name: &str, value: f64, bound: f64) {
+        self.row(name, value, bound, value >= bound);
+    }
+
+    fn most(&mut self, name: &str, value: f64, bound: f64) {
+        self.row(name, value, bound, value <= bound);
+    }
+
+    fn info(&mut self, name: &str, value: f64) {
+        println!("{name:<46} {value:>9.2} {:>9}", "-");
+    }
+}
+
+/// Million rays per second.
+fn mrays(rays: usize, run: impl FnOnce()) -> f64 {
+    let start = Instant::now();
+    run();
+    rays as f64 / start.elapsed().as_secs_f64() / 1e6
+}
+
+/// The obvhs crate as its documentation uses it: its medium binary tree and its own triangle test.
+struct Rival {
+    bvh: obvhs::bvh2::Bvh2,
+    triangles: Vec<Triangle>,
+    origin: DVec3,
+}
+
+impl Rival {
+    fn new(mesh: &TriangleMesh) -> Self {
+        let triangle = |[a, b, c]: [Vec3; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
+        let triangles: Vec<_> = mesh.corner_iter().map(triangle).collect();
+        let params = BvhBuildParams::medium_build();
+        let mut time = Duration::default();
+        let bvh = build_bvh2_from_tris(&triangles, params, &mut time);
+        let triangles = bvh.primitive_indices.iter().map(|&i| triangles[i as usize]).collect();
+        Self { bvh, triangles, origin: mesh.origin() }
+    }
+
+    fn trace(&self, rays: &[Ray]) {
+        for ray in rays {
+            let (o, d) = ((ray.origin() - self.origin).as_vec3a(), ray.direction().as_vec3a());
+            let mut hit = RayHit::none();
+            let ray = obvhs::ray::Ray::new_inf(o, d);
+            black_box(self.bvh.ray_traverse(ray, &mut hit, |ray, id| self.triangles[id].intersect(ray)));
+            black_box(hit);
+        }
+    }
+}
+
+/// A deterministic stream of numbers in [0, 1).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 33) as f64 / (1u64 << 31) as f64
+    }
+
+    fn direction(&mut self) -> DVec3 {
+        let (z, angle) = (2.0 * self.next() - 1.0, std::f64::consts::TAU * self.next());
+        let r = (1.0 - z * z).sqrt();
+        DVec3::new(r * angle.cos(), r * angle.sin(), z)
+    }
+}
+
+/// Distance between houses, in metres; streets are what the houses leave.
+const PITCH: f64 = 13.2;
+
+/// The middle of a street crossing near the town's centre, at eye height.
+fn crossing(houses: usize) -> DVec3 {
+    let middle = PITCH * (houses / 2) as f64;
+    DVec3::new(middle, middle + 4.0, 1.7)
+}
+
+fn bundle(houses: usize) -> (DVec3, Vec<DVec3>) {
+    let mut directions = Vec::with_capacity(SIDE * SIDE);
+    for tile in 0..SIDE * SIDE / 32 {
+        let (tx, ty) = (tile % (SIDE / 8), tile / (SIDE / 8));
+        for i in 0..32 {
+            let (x, y) = (tx * 8 + i % 8, ty * 4 + i / 8);
+            let at = |i: usize| (i as f64 + 0.5) / SIDE as f64 * 2.0 - 1.0;
+            let (right, up) = (DVec3::new(0.8, -0.6, 0.0), DVec3::Z);
+            let forward = DVec3::new(0.6, 0.8, -0.02);
+            directions.push(forward + right * (at(x) * 0.7) - up * (at(y) * 0.7));
+        }
+    }
+    (crossing(houses), directions)
+}
+
+fn pinhole(houses: usize) -> Vec<Ray> {
+    let (eye, directions) = bundle(houses);
+    directions.into_iter().map(|d| Ray::new(eye, d).unwrap()).collect()
+}
+
+fn street(houses: usize) -> Vec<Ray> {
+    let mut random = Random(7);
+    let corner = crossing(houses) - DVec3::new(1.1, 7.5, 0.4);
+    let ray = |_| {
+        let p = corner + DVec3::new(2.2, 15.0, 0.8) * DVec3::from_array([0; 3].map(|_| random.next()));
+        Ray::new(p, random.direction()).unwrap()
+    };
+    (0..SIDE * SIDE).map(ray).collect()
+}
+
+/// A low-rise town: ground tiles of one metre, houses with windows, sills and wavy roofs.
+fn town(houses: usize) -> TriangleMesh {
+    let mut soup = Soup::default();
+    let mut random = Random(1);
+    let side = (houses as f64 * PITCH).round();
+    let bump = |x: f64, y: f64| 0.02 * ((x * 0.7).sin() + (y * 0.9).cos());
+    soup.grid(side as usize, side as usize, |x, y| {
+        let (x, y) = (x * side, y * side);
+        DVec3::new(x, y, bump(x, y))
+    });
+    for i in 0..houses * houses {
+        let corner =
+            DVec3::new((i % houses) as f64, (i / houses) as f64, 0.0) * PITCH + DVec3::new(1.6, 1.6, -0.05);
+        let size =
+            DVec3::new(8.0 + 2.0 * random.next(), 8.0 + 2.0 * random.next(), 5.0 + 1.5 * random.next());
+        soup.house(corner, size, &mut random);
+    }
+    TriangleMesh::from_world(&soup.positions, soup.triangles).unwrap()
+}
+
+#[derive(Default)]
+struct Soup {
+    positions: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Soup {
+    fn grid(&mut self, nx: usize, ny: usize, at: impl Fn(f64, f64) -> DVec3) {
+        let first = self.positions.len() as u32;
+        for j in 0..=ny {
+            for i in 0..=nx {
+                self.positions.push(at(i as f64 / nx as f64, j as f64 / ny as f64));
+            }
+        }
+        let row = nx as u32 + 1;
+        for j in 0..ny as u32 {
+            for i in 0..nx as u32 {
+                let a = first + j * row + i;
+                self.triangles.extend([[a, a + 1, a + row + 1], [a, a + row + 1, a + row]]);
+            }
+        }
+    }
+
+    fn cuboid(&mut self, lo: DVec3, hi: DVec3) {
+        for axis in 0..3 {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            for side in [lo, hi] {
+                self.grid(1, 1, |a, b| {
+                    let mut p = side;
+                    (p[u], p[v]) = (lo[u] + (hi[u] - lo[u]) * a, lo[v] + (hi[v] - lo[v]) * b);
+                    p
+                });
+            }
+        }
+    }
+
+    fn house(&mut self, corner: DVec3, size: DVec3, random: &mut Random) {
+        self.cuboid(corner, corner + size);
+        for facade in 0..4 {
+            let (along, out) = if facade % 2 == 0 { (0, 1) } else { (1, 0) };
+            let outside = if facade < 2 { corner[out] } else { corner[out] + size[out] };
+            let sign = if facade < 2 { -1.0 } else { 1.0 };
+            for window in 0..10 {
+                let (column, floor) = (window % 5, window / 5);
+                let mut box_of = |from: f64, to: f64, z: f64, height: f64, depth: f64| {
+                    let (mut lo, mut hi) = (corner, corner);
+                    (lo[along], hi[along]) = (corner[along] + from, corner[along] + to);
+                    let outer = outside + sign * depth;
+                    (lo[out], hi[out]) = (outside.min(outer), outside.max(outer));
+                    (lo.z, hi.z) = (corner.z + z, corner.z + z + height);
+                    self.cuboid(lo, hi);
+                };
+                let x = 0.6 + column as f64 * size[along] / 5.2;
+                let z = 0.9 + 2.4 * floor as f64;
+                box_of(x, x + 0.9, z - 0.08, 0.08, 0.15);
+                box_of(x, x + 0.06, z, 1.2, 0.05);
+                box_of(x + 0.84, x + 0.9, z, 1.2, 0.05);
+            }
+        }
+        let (phase, lift) = (random.next() * 6.0, corner.z + size.z + 0.1);
+        let over = DVec3::new(0.3, 0.3, 0.0);
+        let (lo, span) = (corner - over, size + 2.0 * over);
+        self.grid(16, 16, |a, b| {
+            let ridge = 1.8 * (1.0 - (2.0 * a - 1.0).abs());
+            let wave = 0.05 * (40.0 * b + phase).sin();
+            DVec3::new(lo.x + span.x * a, lo.y + span.y * b, lift + ridge + wave)
+        });
+    }
+}
+
+/// Rays from inside a closed bumpy sphere at vertices and edges, also far from the origin: every one must hit.
+fn leaks() -> usize {
+    let mut missed = 0;
+    for offset in [DVec3::ZERO, DVec3::new(148_376.0, 1234.0, -223_423.0), DVec3::splat(1e9)] {
+        let (mesh, targets) = bumpy_sphere(240, 360, offset);
+        let bvh = Bvh8::new(&mesh);
+        let mut random = Random(3);
+        let rays: Vec<Ray> = targets
+            .iter()
+            .map(|&target| {
+                let origin = offset + random.direction() * 0.2;
+                Ray::new(origin, target - origin).unwrap()
+            })
+            .collect();
+        let mut hits = vec![None; rays.len()];
+        bvh.closest_batch(&rays, &mut hits);
+        println!("aimed at vertices and edges around {offset}: {} rays", rays.len());
+        missed += hits.iter().filter(|h| h.is_none()).count();
+    }
+    missed
+}
+
+/// A closed surface around `offset` with radii from 0.8 to 1.2, and the points on it where leaks would be.
+fn bumpy_sphere(rings: usize, sectors: usize, offset: DVec3) -> (TriangleMesh, Vec<DVec3>) {
+    use std::f64::consts::{PI, TAU};
+    let mut p = vec![DVec3::Z, DVec3::NEG_Z];
+    for r in 1..rings {
+        for s in 0..sectors {
+            let (a, b) = (PI * r as f64 / rings as f64, TAU * s as f64 / sectors as f64);
+            let radius =
+                1.0 + 0.1 * (7.0 * a).sin() * (9.0 * b).cos() + 0.02 * (55.0 * b).sin() * (61.0 * a).cos();
+            p.push(DVec3::new(a.sin() * b.cos(), a.sin() * b.sin(), a.cos()) * radius);
+        }
+    }
+    let at = |r: usize, s: usize| (2 + (r - 1) * sectors + s % sectors) as u32;
+    let mut triangles = Vec::new();
+    for s in 0..sectors {
+        triangles.push([0, at(1, s), at(1, s + 1)]);
+        triangles.push([1, at(rings - 1, s + 1), at(rings - 1, s)]);
+        for r in 1..rings - 1 {
+            triangles.push([at(r, s), at(r + 1, s), at(r + 1, s + 1)]);
+            triangles.push([at(r, s), at(r + 1, s + 1), at(r, s + 1)]);
+        }
+    }
+    let local: Vec<Vec3> = p.iter().map(|p| p.as_vec3()).collect();
+    let mesh = TriangleMesh::new(local, triangles).unwrap().with_origin(offset).unwrap();
+    let world = |p: Vec3| offset + p.as_dvec3();
+    let mut targets: Vec<DVec3> = mesh.positions().iter().map(|&p| world(p)).collect();
+    for [a, b, c] in mesh.corner_iter() {
+        let (a, b, c) = (world(a), world(b), world(c));
+        targets.extend([a.midpoint(b), a.lerp(b, 0.3), b.midpoint(c)]);
+    }
+    (mesh, targets)
+}

@@ -1,0 +1,374 @@
+//! Rays of one origin together through the tree.
+//!
+//! A bundle is bounded by a pyramid: directions per unit of the common main axis lie in a rectangle. Nodes and blocks are
+//! tested against the pyramid once for all rays; what remains of a block is tested against eight rays at a time. As for
+//! single rays, `f32` with margins only sorts out misses, and the same `f64` arithmetic decides, here four rays at a
+//! time. So a bundle's hits are those of its rays, bit for bit.
+
+use super::Hit;
+use super::exact::{Crossing, axes, each};
+use super::frame::Frame;
+use super::single::{Best, SHEARED_ERROR, Stack};
+use super::tree::{BLOCK, Block, Node, STACK, Tree};
+use fearless_simd::{Simd, f32x8, f64x4, mask32x8, prelude::*};
+use glam::DVec3;
+
+/// Most rays in a bundle; longer lists are cut.
+pub(super) const RAYS: usize = 32;
+
+/// Widest side of a bundle's rectangle: about 0.2 rad to either side. Wider bundles cost more than single rays.
+const WIDEST: f64 = 0.4;
+
+/// Origins farther from the mesh (in its sizes) are left to single rays, which start where they enter its box.
+const FARTHEST: f64 = 16.0;
+
+/// A bundle ready to be traced. Spare rays repeat the first.
+pub(super) struct Bundle {
+    /// Axes: two across, then the main one.
+    axes: [usize; 3],
+    origin: [f64; 3],
+    /// Per ray: x and y per unit of depth, and t per unit of depth.
+    shear: [[f64; RAYS]; 3],
+    shear_f32: [[f32; RAYS]; 2],
+    /// Depth times this is not negative.
+    sign: f32,
+    /// Shear on the pyramid's sides: lower and upper ends of x, then y, in terms of depth times `sign`.
+    sides: [[f32; 2]; 2],
+    /// Bound on the `f32` error of a sheared coordinate.
+    error: f32,
+    best: [Best; RAYS],
+    /// Depths (times `sign`) beyond which each ray's hit is settled.
+    limits: [f32; RAYS],
+}
+
+impl Bundle {
+    pub(super) fn new() -> Self {
+        Self {
+            axes: [0, 1, 2],
+            origin: [0.0; 3],
+            shear: [[0.0; RAYS]; 3],
+            shear_f32: [[0.0; RAYS]; 2],
+            sign: 1.0,
+            sides: [[0.0; 2]; 2],
+            error: 0.0,
+            best: [Best::NONE; RAYS],
+            limits: [f32::INFINITY; RAYS],
+        }
+    }
+
+    /// Takes new rays. False when they are better, or only, traced one by one.
+    #[inline(always)]
+    pub(super) fn set<S: Simd>(&mut self, simd: S, frame: &Frame, origin: DVec3, directions: &[DVec3]) -> bool {
+        let bundle = self;
+        let origin = frame.point(origin);
+        let reach = origin.abs().max_element();
+        // Negated so that NaN falls out as well.
+        if directions.is_empty() || directions.len() > RAYS || !(reach <= FARTHEST) {
+            return false;
+        }
+        let axes = axes(directions[0]);
+        bundle.axes = axes;
+        bundle.origin = each(|i| origin[axes[i]]);
+        bundle.sign = if directions[0][axes[2]] < 0.0 { -1.0 } else { 1.0 };
+        bundle.error = SHEARED_ERROR * (reach as f32).max(1.0);
+        bundle.best = [Best::NONE; RAYS];
+        bundle.limits = [f32::INFINITY; RAYS];
+        let mut usable = true;
+        for group in 0..directions.len().div_ceil(4) {
+            usable &= bundle.aim(simd, group, directions, frame.scale());
+        }
+        if !usable {
+            return false;
+        }
+        let count = directions.len().next_multiple_of(4);
+        for side in 0..2 {
+            let shear = &mut bundle.shear[side];
+            let (mut low, mut high) = (shear[0], shear[0]);
+            for i in 0..count {
+                low = if shear[i] < low { shear[i] } else { low };
+                high = if shear[i] > high { shear[i] } else { high };
+            }
+            if high - low > WIDEST {
+                return false;
+            }
+            for i in count..RAYS {
+                shear[i] = shear[0];
+            }
+            for i in 0..RAYS {
+                bundle.shear_f32[side][i] = shear[i] as f32;
+            }
+            let ends = if bundle.sign < 0.0 { [-high, -low] } else { [low, high] };
+            bundle.sides[side] = [ends[0] as f32, ends[1] as f32];
+        }
+        let third = bundle.shear[2][0];
+        bundle.shear[2][count..].fill(third);
+        true
+    }
+
+    /// Normalises four directions exactly as [`Ray::new`](super::Ray::new) does and shears them. False when one has
+    /// another main axis or no length.
+    #[inline(always)]
+    fn aim<S: Simd>(&mut self, simd: S, group: usize, directions: &[DVec3], scale: f64) -> bool {
+        let at =
+            |lane: usize| directions[if group * 4 + lane < directions.len() { group * 4 + lane } else { 0 }];
+        let (a, b, c, d) = (at(0), at(1), at(2), at(3));
+        let axes = self.axes;
+        let raw = each(|i| f64x4::load_array(simd, [a[i], b[i], c[i], d[i]]));
+        let largest = raw[0].abs().max(raw[1].abs()).max(raw[2].abs());
+        let (x, y, z) = (raw[0] / largest, raw[1] / largest, raw[2] / largest);
+        let length = (x * x + y * y + z * z).sqrt();
+        let inverse = f64x4::splat(simd, 1.0) / length;
+        let unit = [x * inverse, y * inverse, z * inverse];
+        let [x, y, z] = each(|i| unit[axes[i]] * scale);
+        let depth = z.abs();
+        let usable = largest.simd_gt(0.0)
+            & largest.simd_lt(f64::INFINITY)
+            & depth.simd_gt(x.abs())
+            & depth.simd_gt(y.abs())
+            & (z * f64::from(self.sign)).simd_gt(0.0);
+        let lanes = group * 4..group * 4 + 4;
+        (x / z).store_slice(&mut self.shear[0][lanes.clone()]);
+        (y / z).store_slice(&mut self.shear[1][lanes.clone()]);
+        (f64x4::splat(simd, 1.0) / z).store_slice(&mut self.shear[2][lanes]);
+        usable.all_true()
+    }
+
+    #[inline(always)]
+    pub(super) fn store(&self, hits: &mut [Option<Hit>]) {
+        for (hit, best) in hits.iter_mut().zip(&self.best) {
+            *hit = best.hit();
+        }
+    }
+
+    /// Traces all rays. `instance` is the upper half of the keys.
+    #[inline(always)]
+    pub(super) fn trace<S: Simd>(&mut self, simd: S, tree: &Tree, instance: u64, stack: &mut Stack) {
+        let pyramid = Pyramid::new(self);
+        let stack = &mut stack.0;
+        let mut limit = f32::INFINITY;
+        let (mut height, mut current) = (0, 0);
+        loop {
+            if current & BLOCK == 0 {
+                let Some(node) = tree.nodes.get(current as usize) else { return };
+                let (mut hits, depths) = pyramid.boxes(simd, node, limit);
+                let base = height;
+                while hits != 0 {
+                    let lane = hits.trailing_zeros() as usize & 7;
+                    hits &= hits - 1;
+                    let entry = u64::from(depths[lane].to_bits()) << 32 | u64::from(node.children[lane]);
+                    let mut at = height;
+                    while at > base && stack[(at - 1) & (STACK - 1)] < entry {
+                        stack[at & (STACK - 1)] = stack[(at - 1) & (STACK - 1)];
+                        at -= 1;
+                    }
+                    stack[at & (STACK - 1)] = entry;
+                    height += 1;
+                }
+            } else {
+                let Some(block) = tree.blocks.get((current & !BLOCK) as usize) else { return };
+                let mut lanes = pyramid.triangles(simd, block, limit);
+                let mut improved = false;
+                while lanes != 0 {
+                    let lane = lanes.trailing_zeros() as usize & 7;
+                    lanes &= lanes - 1;
+                    improved |= self.triangle(simd, block, lane, instance);
+                }
+                if improved {
+                    let load = |i: usize| f32x8::from_slice(simd, &self.limits[i * 8..i * 8 + 8]);
+                    limit = load(0).max(load(1)).max(load(2).max(load(3))).reduce_max();
+                }
+            }
+            loop {
+                if height == 0 {
+                    return;
+                }
+                height -= 1;
+                let entry = stack[height & (STACK - 1)];
+                if f32::from_bits((entry >> 32) as u32) <= limit {
+                    current = entry as u32;
+                    break;
+                }
+            }
+        }
+    }
+
+    /// One triangle against all rays; whether a hit came nearer.
+    #[inline(always)]
+    fn triangle<S: Simd>(&mut self, simd: S, block: &Block, lane: usize, instance: u64) -> bool {
+        let rows = each(|i| &block.corners[self.axes[i]]);
+        let corners = each(|corner| each(|i| rows[i][corner][lane]));
+        let key = instance << 32 | u64::from(block.ids[lane]);
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let origin = each(|i| self.origin[i] as f32);
+        let local = each(|corner| each(|i| corners[corner][i] - origin[i]));
+        let nearest = local[0][2] * self.sign;
+        let nearest = nearest.min(local[1][2] * self.sign).min(local[2][2] * self.sign);
+        let [a, b, c] = each(|corner| each(|i| splat(local[corner][i])));
+        let mut improved = false;
+        for group in 0..RAYS / 8 {
+            let first = group * 8;
+            let sx = f32x8::from_slice(simd, &self.shear_f32[0][first..first + 8]);
+            let sy = f32x8::from_slice(simd, &self.shear_f32[1][first..first + 8]);
+            let (ax, ay) = (a[0] - sx * a[2], a[1] - sy * a[2]);
+            let (bx, by) = (b[0] - sx * b[2], b[1] - sy * b[2]);
+            let (cx, cy) = (c[0] - sx * c[2], c[1] - sy * c[2]);
+            let inside = may_contain(simd, [ax, ay, bx, by, cx, cy], self.error);
+            let limits = f32x8::from_slice(simd, &self.limits[first..first + 8]);
+            let candidates = (inside & limits.simd_ge(splat(nearest))).to_bitmask() as usize;
+            for half in 0..2 {
+                if candidates >> (half * 4) & 15 != 0 {
+                    improved |= self.cross(simd, corners, key, first + half * 4);
+                }
+            }
+        }
+        improved
+    }
+
+    /// [`Sheared::cross`](super::exact::Sheared::cross) for four rays: the same operations in the same order.
+    #[inline(always)]
+    fn cross<S: Simd>(&mut self, simd: S, corners: [[f32; 3]; 3], key: u64, first: usize) -> bool {
+        let splat = |x: f64| f64x4::splat(simd, x);
+        let [sx, sy, sz] = each(|i| f64x4::from_slice(simd, &self.shear[i][first..first + 4]));
+        let local = each(|corner| each(|i| f64::from(corners[corner][i]) - self.origin[i]));
+        let [az, bz, cz] = each(|i| splat(local[i][2]));
+        let [ax, bx, cx] = [splat(local[0][0]) - sx * az, splat(local[1][0]) - sx * bz, splat(local[2][0]) - sx * cz];
+        let [ay, by, cy] = [splat(local[0][1]) - sy * az, splat(local[1][1]) - sy * bz, splat(local[2][1]) - sy * cz];
+        let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
+        let one_sign = u.min(v).min(w).simd_ge(0.0) | u.max(v).max(w).simd_le(0.0);
+        let det = sum(u, v, w);
+        let t = sum(u * az, v * bz, w * cz) / det * sz;
+        let valid = one_sign & t.simd_ge(0.0) & t.simd_lt(f64::INFINITY) & det.simd_ne(0.0);
+        let mut lanes = valid.to_bitmask() as usize;
+        if lanes == 0 {
+            return false;
+        }
+        let (t, v, w, det) = (t.to_array(), v.to_array(), w.to_array(), det.to_array());
+        let mut improved = false;
+        while lanes != 0 {
+            let i = lanes.trailing_zeros() as usize & 3;
+            lanes &= lanes - 1;
+            let hit = Crossing { t: t[i], areas: [v[i], w[i], det[i]] };
+            let ray = (first + i) & (RAYS - 1);
+            if self.best[ray].offer(key, &hit) {
+                self.limits[ray] = (t[i] / self.shear[2][ray]).abs() as f32 + self.error;
+                improved = true;
+            }
+        }
+        improved
+    }
+}
+
+/// As [`sum`](super::exact::sum) of scalars.
+#[inline(always)]
+fn sum<S: Simd>(a: f64x4<S>, b: f64x4<S>, c: f64x4<S>) -> f64x4<S> {
+    let (lo, hi) = (a.min(b), a.max(b));
+    (lo.min(c) + hi.max(c)) + lo.max(hi.min(c))
+}
+
+/// Whether the sheared triangles (x and y of three corners) contain the ray, or may do so but for rounding.
+///
+/// |Δu| ≤ ε(|bx| + |by| + |cx| + |cy|) + 2ε² + 3·2⁻²⁴(|cx·by| + |cy·bx|). Coordinates exceed neither 8 nor 8ε·2²⁰, so
+/// four times the first two terms cover all, products that vanish included.
+#[inline(always)]
+pub(super) fn may_contain<S: Simd>(
+    simd: S,
+    [ax, ay, bx, by, cx, cy]: [f32x8<S>; 6],
+    error: f32,
+) -> mask32x8<S> {
+    let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
+    let reach = (ax.abs() + ay.abs()) + (bx.abs() + by.abs()) + (cx.abs() + cy.abs());
+    let margin = (reach + f32x8::splat(simd, error)) * f32x8::splat(simd, 4.0 * error);
+    u.min(v).min(w).simd_ge(-margin) | u.max(v).max(w).simd_le(margin)
+}
+
+/// The four sides of the pyramid as `across − slope · depth`, compared with bounds that include the margin.
+struct Pyramid {
+    /// Across, across, main.
+    axes: [usize; 3],
+    /// Per side: axis (0 or 1), upper or lower face of the box, face along the main axis, slope, bound.
+    slopes: [[f32; 2]; 2],
+    bounds: [[f32; 2]; 2],
+    /// Which main-axis face makes the sides' expressions extreme.
+    deep: [[usize; 2]; 2],
+    sign: f32,
+    origin: f32,
+    error: f32,
+}
+
+impl Pyramid {
+    #[inline(always)]
+    fn new(bundle: &Bundle) -> Self {
+        let mut pyramid = Self {
+            axes: bundle.axes,
+            slopes: [[0.0; 2]; 2],
+            bounds: [[0.0; 2]; 2],
+            deep: [[0; 2]; 2],
+            sign: bundle.sign,
+            origin: bundle.origin[2] as f32 * bundle.sign,
+            error: 2.0 * bundle.error,
+        };
+        for side in 0..2 {
+            for end in 0..2 {
+                let slope = bundle.sides[side][end] * bundle.sign;
+                let at_origin = bundle.origin[side] as f32 - slope * bundle.origin[2] as f32;
+                let margin = if end == 0 { -pyramid.error } else { pyramid.error };
+                pyramid.slopes[side][end] = -slope;
+                pyramid.bounds[side][end] = at_origin + margin;
+                // The lower end's expression is to be largest, the upper end's smallest.
+                pyramid.deep[side][end] = usize::from((slope < 0.0) == (end == 0));
+            }
+        }
+        pyramid
+    }
+
+    #[inline(always)]
+    fn boxes<S: Simd>(&self, simd: S, node: &Node, limit: f32) -> (u32, [f32; 8]) {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let depth = &node.bounds[self.axes[2]];
+        let backwards = usize::from(self.sign < 0.0);
+        let near = row(simd, depth, backwards) * splat(self.sign) - splat(self.origin);
+        let far = row(simd, depth, backwards ^ 1) * splat(self.sign) - splat(self.origin);
+        let near = (near - splat(self.error)).max(splat(0.0));
+        let hits = self.box_side(simd, node, 0) & self.box_side(simd, node, 1) & near.simd_le(splat(limit)) & far.simd_ge(splat(-self.error));
+        // Empty lanes have their far face before the near one.
+        let hits = hits & row(simd, depth, 0).simd_le(row(simd, depth, 1));
+        (hits.to_bitmask() as u32, near.to_array())
+    }
+
+    #[inline(always)]
+    fn box_side<S: Simd>(&self, simd: S, node: &Node, side: usize) -> mask32x8<S> {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let (depth, across) = (&node.bounds[self.axes[2]], &node.bounds[self.axes[side]]);
+        let [low, high] = self.deep[side];
+        let low = row(simd, depth, low).mul_add(splat(self.slopes[side][0]), row(simd, across, 1));
+        let high = row(simd, depth, high).mul_add(splat(self.slopes[side][1]), row(simd, across, 0));
+        low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
+    }
+
+    #[inline(always)]
+    fn side<S: Simd>(&self, simd: S, block: &Block, [az, bz, cz]: [f32x8<S>; 3], side: usize) -> mask32x8<S> {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let across = &block.corners[self.axes[side]];
+        let [ax, bx, cx] = each(|corner| f32x8::load_array_ref(simd, &across[corner]));
+        let (low, high) = (splat(self.slopes[side][0]), splat(self.slopes[side][1]));
+        let low = az.mul_add(low, ax).max(bz.mul_add(low, bx)).max(cz.mul_add(low, cx));
+        let high = az.mul_add(high, ax).min(bz.mul_add(high, bx)).min(cz.mul_add(high, cx));
+        low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
+    }
+
+    #[inline(always)]
+    fn triangles<S: Simd>(&self, simd: S, block: &Block, limit: f32) -> u32 {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let depth = &block.corners[self.axes[2]];
+        let depths = each(|corner| f32x8::load_array_ref(simd, &depth[corner]));
+        let [a, b, c] = each(|i| depths[i] * splat(self.sign) - splat(self.origin));
+        let near = a.min(b).min(c).simd_le(splat(limit + self.error));
+        let far = a.max(b).max(c).simd_ge(splat(-self.error));
+        (self.side(simd, block, depths, 0) & self.side(simd, block, depths, 1) & near & far).to_bitmask() as u32
+    }
+}
+
+#[inline(always)]
+fn row<S: Simd>(simd: S, rows: &[[f32; 8]; 2], index: usize) -> f32x8<S> {
+    f32x8::load_array_ref(simd, &rows[index & 1])
+}

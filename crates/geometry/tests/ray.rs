@@ -1,0 +1,392 @@
+//! Ray casters against the brute-force oracle, against one another, and on inputs where casters usually break.
+
+use farsight_geometry::glam::{DVec3, Vec3};
+use farsight_geometry::ray::{BruteForce, Bvh8, SimdLevel};
+use farsight_geometry::{Hit, Ray, RayCaster, TriangleMesh};
+use proptest::prelude::*;
+
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 33) as f64 / (1u64 << 31) as f64
+    }
+
+    fn vector(&mut self) -> DVec3 {
+        DVec3::new(self.next(), self.next(), self.next()) * 2.0 - DVec3::ONE
+    }
+}
+
+/// Random triangles of the given size in a cube of side 2.
+fn confetti(count: usize, size: f64, seed: u64) -> TriangleMesh {
+    let mut random = Random(seed);
+    let mut positions = Vec::new();
+    for _ in 0..count {
+        let centre = random.vector();
+        positions.extend((0..3).map(|_| (centre + random.vector() * size).as_vec3()));
+    }
+    soup(positions)
+}
+
+fn soup(positions: Vec<Vec3>) -> TriangleMesh {
+    let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    TriangleMesh::new(positions, triangles).unwrap()
+}
+
+fn mapped(mesh: &TriangleMesh, f: impl Fn(Vec3) -> Vec3) -> TriangleMesh {
+    TriangleMesh::new(mesh.positions().iter().map(|&p| f(p)).collect(), mesh.triangles().to_vec()).unwrap()
+}
+
+/// A closed bumpy sphere with radii from 0.8 to 1.2.
+fn bumpy_sphere(rings: usize, sectors: usize) -> TriangleMesh {
+    use std::f64::consts::{PI, TAU};
+    let mut p = vec![Vec3::Z, Vec3::NEG_Z];
+    for r in 1..rings {
+        for s in 0..sectors {
+            let (a, b) = (PI * r as f64 / rings as f64, TAU * s as f64 / sectors as f64);
+            let radius = 1.0 + 0.2 * (7.0 * a).sin() * (9.0 * b).cos();
+            p.push((DVec3::new(a.sin() * b.cos(), a.sin() * b.sin(), a.cos()) * radius).as_vec3());
+        }
+    }
+    let at = |r: usize, s: usize| (2 + (r - 1) * sectors + s % sectors) as u32;
+    let mut triangles = Vec::new();
+    for s in 0..sectors {
+        triangles.push([0, at(1, s), at(1, s + 1)]);
+        triangles.push([1, at(rings - 1, s + 1), at(rings - 1, s)]);
+        for r in 1..rings - 1 {
+            triangles.push([at(r, s), at(r + 1, s), at(r + 1, s + 1)]);
+            triangles.push([at(r, s), at(r + 1, s + 1), at(r, s + 1)]);
+        }
+    }
+    TriangleMesh::new(p, triangles).unwrap()
+}
+
+/// The caster's answer must be the oracle's. Where they differ, the ray must pass within rounding of an edge or
+/// two triangles must lie at the same distance.
+fn agree(mesh: &TriangleMesh, caster: &impl RayCaster, rays: &[Ray]) -> usize {
+    let oracle = BruteForce::new(mesh);
+    let mut hits = 0;
+    for ray in rays {
+        let (ours, theirs) = (caster.closest(ray), oracle.closest(ray));
+        hits += usize::from(ours.is_some());
+        let tolerance = |t: f64| 1e-9 * (t.abs() + f64::from(mesh.bounds().diagonal()));
+        let same = ours.zip(theirs).is_some_and(|(a, b)| {
+            let confirmed = |h: Hit| h.triangle == a.triangle && h.back_face == a.back_face;
+            (a.t - b.t).abs() <= tolerance(b.t) && (oracle.all(ray).any(confirmed) || on_border(a))
+        });
+        let grazed = ours.or(theirs).is_some_and(on_border);
+        assert!(
+            same || grazed || ours.is_none() && theirs.is_none(),
+            "{ray:?}: {ours:?} instead of {theirs:?}"
+        );
+        assert_eq!(caster.occluded(ray), ours.is_some());
+    }
+    hits
+}
+
+fn on_border(hit: Hit) -> bool {
+    let [v, w] = hit.barycentrics;
+    v.min(w).min(1.0 - v - w) < 1e-5
+}
+
+fn rays_around(mesh: &TriangleMesh, count: usize, seed: u64) -> Vec<Ray> {
+    let mut random = Random(seed);
+    let bounds = mesh.world_bounds();
+    let size = bounds.diagonal();
+    let ray = |_| {
+        let (origin, target) = (random.vector() * size, random.vector() * 0.3 * size);
+        Ray::new(bounds.center() + origin, target - origin).unwrap()
+    };
+    (0..count).map(ray).collect()
+}
+
+#[test]
+fn random_scenes_agree_with_brute_force() {
+    for (count, size) in [(1, 1.0), (7, 0.7), (9, 0.5), (300, 0.3), (2000, 0.05)] {
+        let mesh = confetti(count, size, count as u64);
+        let rays = rays_around(&mesh, 3000, 5);
+        for simd in [SimdLevel::Detect, SimdLevel::Baseline] {
+            let hits = agree(&mesh, &Bvh8::new(&mesh).with_simd(simd), &rays);
+            assert!(hits > 20, "only {hits} hits");
+        }
+    }
+}
+
+#[test]
+fn scales_and_offsets_do_not_matter() {
+    let mesh = confetti(500, 0.3, 1);
+    for scale in [1e-18, 1e-9, 1e-3, 1e6, 1e17] {
+        let scaled = mapped(&mesh, |p| p * scale);
+        assert!(agree(&scaled, &Bvh8::new(&scaled), &rays_around(&scaled, 1000, 2)) > 100);
+    }
+    // In the local coordinates themselves, and in the origin.
+    let moved = mapped(&mesh, |p| p + Vec3::new(1e6, -2e6, 3e5));
+    assert!(agree(&moved, &Bvh8::new(&moved), &rays_around(&moved, 1000, 2)) > 100);
+    let moved = mesh.with_origin(DVec3::new(1e6, -2e7, 3e5)).unwrap();
+    assert!(agree(&moved, &Bvh8::new(&moved), &rays_around(&moved, 1000, 2)) > 100);
+}
+
+#[test]
+fn flat_and_uneven_scenes_agree_with_brute_force() {
+    let mesh = confetti(400, 0.4, 3);
+    let shapes: [fn(Vec3) -> Vec3; 4] = [
+        |p| Vec3::new(p.x, p.y, 0.0),
+        |p| Vec3::new(p.x * 1e9, p.y, p.z * 1e-9),
+        |p| Vec3::new(p.x, p.y * 1e-6, p.z),
+        |p| Vec3::new(p.x * 1e-6, p.y, p.z * 1e-6),
+    ];
+    for shape in shapes {
+        let mesh = mapped(&mesh, shape);
+        agree(&mesh, &Bvh8::new(&mesh), &rays_around(&mesh, 1000, 4));
+    }
+}
+
+#[test]
+fn rays_from_far_away_agree_with_brute_force() {
+    let mesh = bumpy_sphere(12, 16);
+    let caster = Bvh8::new(&mesh);
+    let mut random = Random(8);
+    for distance in [10.0, 1e3, 1e6] {
+        let aimed = |_| {
+            let origin = random.vector().normalize() * distance;
+            Ray::new(origin, random.vector() * 0.3 - origin).unwrap()
+        };
+        let rays: Vec<Ray> = (0..300).map(aimed).collect();
+        assert_eq!(agree(&mesh, &caster, &rays), 300);
+    }
+}
+
+#[test]
+fn closed_meshes_do_not_leak_at_vertices_edges_and_axes() {
+    let sphere = bumpy_sphere(40, 60);
+    for offset in [DVec3::ZERO, DVec3::new(148_376.0, 1234.0, -223_423.0), DVec3::splat(1e9)] {
+        for inside in [false, true] {
+            // The offset in the mesh's origin, or baked into what f32 leaves of the coordinates.
+            if inside && offset.x > 1e8 {
+                continue;
+            }
+            let mesh = if inside {
+                mapped(&sphere, |p| p + offset.as_vec3())
+            } else {
+                sphere.clone().with_origin(offset).unwrap()
+            };
+            let caster = Bvh8::new(&mesh);
+            let mut random = Random(4);
+            let mut rays = Vec::new();
+            for corners in mesh.corner_iter() {
+                let [a, b, c] = corners.map(|p| mesh.origin() + p.as_dvec3());
+                for target in [a, a.midpoint(b), b.midpoint(c), a.lerp(c, random.next())] {
+                    let origin = offset + random.vector() * 0.2;
+                    rays.extend(Ray::new(origin, target - origin));
+                    rays.extend(Ray::new(offset, target - offset));
+                }
+            }
+            for axis in DVec3::AXES {
+                for tiny in [0.0, -0.0, 1e-30, -1e-300] {
+                    for d in [axis, -axis, axis + DVec3::splat(tiny), -axis + DVec3::splat(tiny)] {
+                        rays.extend(Ray::new(offset, d * DVec3::new(1.0, 1.0, 1.0) + DVec3::splat(-0.0)));
+                    }
+                }
+            }
+            let mut hits = vec![None; rays.len()];
+            caster.closest_batch(&rays, &mut hits);
+            let leaks = hits.iter().filter(|h| h.is_none()).count();
+            assert_eq!(leaks, 0, "of {} rays at {offset}", rays.len());
+        }
+    }
+}
+
+#[test]
+fn the_lowest_of_coincident_triangles_wins_whatever_its_winding() {
+    let mut random = Random(6);
+    for _ in 0..200 {
+        let t = [0; 3].map(|_| random.vector().as_vec3());
+        let [a, b, c] = t;
+        let orders = [[a, b, c], [c, a, b], [b, a, c], [a, c, b], [b, c, a], [c, b, a]];
+        let rotate = (random.next() * 6.0) as usize;
+        let positions: Vec<Vec3> = (0..30).flat_map(|i| orders[(i + rotate) % 6]).collect();
+        let mesh = soup(positions);
+        let target = (a + b * 0.9 + c * 1.1).as_dvec3() / 3.0;
+        let origin = random.vector() * 3.0;
+        let hit = Bvh8::new(&mesh).closest(&Ray::new(origin, target - origin).unwrap()).unwrap();
+        assert_eq!(hit.triangle, 0);
+    }
+}
+
+#[test]
+fn degenerate_triangles_are_never_hit() {
+    let mut random = Random(9);
+    let mut positions = Vec::new();
+    for _ in 0..300 {
+        let (a, d) = (random.vector().as_vec3(), Vec3::new(0.25, 0.5, -0.125));
+        positions.extend([a, a, a + d]);
+        // Coarse coordinates keep the three exactly on a line.
+        let a = (a * 64.0).round() / 64.0;
+        positions.extend([a, a + d, a + d * 3.0]);
+        positions.extend([a, a, a]);
+    }
+    let mesh = soup(positions);
+    let caster = Bvh8::new(&mesh);
+    for corners in mesh.corner_iter() {
+        let target = (corners[0] + corners[2]).as_dvec3() * 0.5;
+        let origin = random.vector() * 4.0;
+        assert!(caster.closest(&Ray::new(origin, target - origin).unwrap()).is_none());
+    }
+}
+
+#[test]
+fn slivers_agree_with_brute_force() {
+    let mut random = Random(10);
+    let mut positions = Vec::new();
+    for _ in 0..300 {
+        let (a, along) = (random.vector(), random.vector());
+        let thin = random.vector() * 1e-6;
+        positions.extend([a, a + along, a + along * 0.5 + thin].map(|p| p.as_vec3()));
+    }
+    let mesh = soup(positions);
+    let caster = Bvh8::new(&mesh);
+    let mut rays = rays_around(&mesh, 500, 3);
+    for [a, b, c] in mesh.corner_iter() {
+        let target = (a + b + c).as_dvec3() / 3.0;
+        let origin = random.vector() * 3.0;
+        rays.extend(Ray::new(origin, target - origin));
+    }
+    agree(&mesh, &caster, &rays);
+}
+
+#[test]
+fn empty_and_single_meshes_are_fine() {
+    let ray = Ray::new(DVec3::ZERO, DVec3::X).unwrap();
+    let empty = Bvh8::new(&TriangleMesh::default());
+    assert!(empty.closest(&ray).is_none() && !empty.occluded(&ray) && empty.depth() == 0);
+    let mut hits = [None; 3];
+    empty.closest_bundle(DVec3::ZERO, &[DVec3::X, DVec3::ZERO, DVec3::NAN], &mut hits);
+    assert_eq!(hits, [None; 3]);
+    let point = Bvh8::new(&soup(vec![Vec3::ZERO; 3]));
+    assert!(point.closest(&ray).is_none());
+}
+
+#[test]
+fn ranges_include_their_ends() {
+    let mesh = soup(vec![Vec3::new(2.0, -1.0, -1.0), Vec3::new(2.0, 1.0, -1.0), Vec3::new(2.0, 0.0, 1.0)]);
+    let caster = Bvh8::new(&mesh);
+    let ray = Ray::new(DVec3::ZERO, DVec3::X).unwrap();
+    for (from, to, hit) in
+        [(0.0, 2.0, true), (2.0, 3.0, true), (0.0, 1.999_999_999, false), (2.000_000_001, 9.0, false)]
+    {
+        assert_eq!(caster.closest(&ray.with_range(from, to)).is_some(), hit, "{from} to {to}");
+    }
+    let behind = Ray::new(DVec3::ZERO, DVec3::NEG_X).unwrap();
+    assert!(caster.closest(&behind).is_none());
+    assert_eq!(caster.closest(&behind.with_range(-5.0, 5.0)).unwrap().t, -2.0);
+}
+
+#[test]
+fn bundles_answer_as_single_rays_do() {
+    let sphere = bumpy_sphere(60, 80);
+    let meshes = [sphere.clone(), mapped(&sphere, |p| p * 1e-9), confetti(3000, 0.1, 7), confetti(5, 1.0, 2)];
+    for mesh in meshes {
+        let scale = mesh.bounds().diagonal() as f64;
+        for simd in [SimdLevel::Detect, SimdLevel::Baseline] {
+            let caster = Bvh8::new(&mesh).with_simd(simd);
+            let mut random = Random(12);
+            for round in 0..600 {
+                let origin = random.vector() * scale * [0.05, 1.0, 30.0][round % 3];
+                let spread = [1e-4, 0.03, 0.1, 0.5, 3.0][round % 5];
+                let middle = random.vector();
+                let count = 1 + (random.next() * 70.0) as usize;
+                let mut directions: Vec<DVec3> =
+                    (0..count).map(|_| (middle + random.vector() * spread) * scale).collect();
+                // Vertices and edges are where other arithmetic would choose another triangle.
+                for i in 0..count / 2 {
+                    let [a, b, _] = mesh.corners((i * 37 + round) % mesh.triangles().len());
+                    let target = [a, (a + b) * 0.5][i % 2].as_dvec3();
+                    if (target - origin).normalize().angle_between(middle) < 0.3 {
+                        directions[i] = target - origin;
+                    }
+                }
+                let mut bundle = vec![None; count];
+                caster.closest_bundle(origin, &directions, &mut bundle);
+                for (d, hit) in directions.iter().zip(&bundle) {
+                    assert_eq!(*hit, caster.closest(&Ray::new(origin, *d).unwrap()), "{d} from {origin}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn instruction_sets_answer_alike() {
+    let mesh = confetti(4000, 0.08, 21);
+    let (best, base) = (Bvh8::new(&mesh), Bvh8::new(&mesh).with_simd(SimdLevel::Baseline));
+    for ray in rays_around(&mesh, 5000, 22) {
+        assert_eq!(best.closest(&ray), base.closest(&ray));
+    }
+}
+
+#[cfg(feature = "rayon")]
+#[test]
+fn threads_do_not_change_a_byte() {
+    let mesh = confetti(60_000, 0.02, 30);
+    let rays = rays_around(&mesh, 5000, 31);
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let caster = Bvh8::new(&mesh);
+            let mut hits = vec![None; rays.len()];
+            caster.closest_batch(&rays, &mut hits);
+            (caster, hits)
+        })
+    };
+    let ((one, a), (two, b)) = (run(1), run(2));
+    assert!(one.same_tree(&two));
+    assert_eq!(a, b);
+}
+
+#[test]
+fn trees_of_hostile_inputs_stay_shallow() {
+    // Ever smaller triangles at one place, and thousands of the same triangle.
+    let shrinking: Vec<Vec3> = (0..1500)
+        .flat_map(|i| {
+            let size = 0.99f32.powi(i);
+            [Vec3::ZERO, Vec3::X, Vec3::Y].map(|p| (p + Vec3::ONE) * size)
+        })
+        .collect();
+    let same = [Vec3::ZERO, Vec3::X, Vec3::Y].repeat(5000);
+    for positions in [shrinking, same] {
+        let mesh = soup(positions);
+        let caster = Bvh8::new(&mesh);
+        assert!(caster.depth() <= 32, "{}", caster.depth());
+        agree(&mesh, &caster, &rays_around(&mesh, 300, 1));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// Coordinates on a small grid: rays along edges, through vertices, inside planes, coincident triangles.
+    #[test]
+    fn grid_scenes_agree_with_brute_force(
+        corners in prop::collection::vec((-3i8..=3, -3i8..=3, -3i8..=3), 3..120),
+        rays in prop::collection::vec(((-4i8..=4, -4i8..=4, -4i8..=4), (-2i8..=2, -2i8..=2, -2i8..=2)), 1..20),
+    ) {
+        let count = corners.len() / 3 * 3;
+        let point = |(x, y, z): (i8, i8, i8)| DVec3::new(x.into(), y.into(), z.into());
+        let mesh = soup(corners[..count].iter().map(|&c| point(c).as_vec3()).collect());
+        let (caster, oracle) = (Bvh8::new(&mesh), BruteForce::new(&mesh));
+        for (origin, direction) in rays {
+            let Some(ray) = Ray::new(point(origin), point(direction)) else { continue };
+            let (ours, theirs) = (caster.closest(&ray), oracle.closest(&ray));
+            // Borders are decided in favour of a hit by us; the oracle may go either way there.
+            if let Some(hit) = theirs.filter(|h| !on_border(*h)) {
+                let ours = ours.expect("a hit");
+                prop_assert!(ours.t <= hit.t * (1.0 + 1e-12) + 1e-12);
+            }
+            if let Some(hit) = ours.filter(|h| !on_border(*h)) {
+                let confirmed = oracle.all(&ray).any(|h| h.triangle == hit.triangle && (h.t - hit.t).abs() < 1e-12 * (1.0 + hit.t));
+                prop_assert!(confirmed, "{hit:?}");
+            }
+        }
+    }
+}
