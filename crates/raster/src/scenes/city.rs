@@ -1,6 +1,7 @@
 //! A low-rise town: blocks of houses around courtyards, streets with pavements, trees.
 
 use super::builder::{Builder, Rgb, shaded};
+use super::check;
 use super::house::House;
 use crate::RasterError;
 use crate::random::Random;
@@ -84,14 +85,11 @@ impl City {
     }
 
     fn check(&self) -> Result<(), RasterError> {
-        let option = |option, value: f64, range, ok: bool| {
-            if ok { Ok(()) } else { Err(RasterError::Option { option, value, range }) }
-        };
         let (blocks, repeat) = (self.blocks, self.repeat);
         let roof = self.roof_columns_per_metre;
-        option("blocks", blocks.into(), "1..=64", (1..=64).contains(&blocks))?;
-        option("repeat", repeat.into(), "1..=64", (1..=64).contains(&repeat))?;
-        option("roof_columns_per_metre", roof.into(), "0.5..=100", (0.5..=100.0).contains(&roof))
+        check("blocks", blocks.into(), "1..=64", (1..=64).contains(&blocks))?;
+        check("repeat", repeat.into(), "1..=64", (1..=64).contains(&repeat))?;
+        check("roof_columns_per_metre", roof.into(), "0.5..=100", (0.5..=100.0).contains(&roof))
     }
 
     /// Everything in one block and in the streets at its west and south.
