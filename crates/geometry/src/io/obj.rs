@@ -20,8 +20,8 @@ use std::path::Path;
 
 /// Most groups with faces, counted by name and material.
 const MAX_PARTS: usize = 1 << 18;
-/// Where coordinates begin to be kept relative to an origin: `f32` steps there are above 1/256.
-const FAR: f64 = 65_536.0;
+/// Where the first vertex makes coordinates relative to it: from where `f32` steps are above 1/256 to far beyond any map.
+const FAR: std::ops::Range<f64> = 65_536.0..1e12;
 /// "No index" in corner lists.
 const NONE: u32 = u32::MAX;
 
@@ -45,7 +45,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Loaded, ImportError> {
 /// Reads an OBJ; `siblings` finds the libraries and pictures that it names.
 ///
 /// # Accuracy
-/// Coordinates are rounded to `f32` once; where the first one is beyond ±65,536 they are kept relative to it.
+/// Coordinates are rounded to `f32` once; where the first vertex is beyond ±65,536 they are kept relative to it.
 ///
 /// # Cost
 /// O(bytes). Peak memory is at most about 2.5 times the result's; the text is not kept.
@@ -276,7 +276,8 @@ impl Parser {
             None => {
                 let wide = |i: usize| self.number_as::<f64>(text[i]).map(|(v, _)| v);
                 let first = DVec3::new(wide(0)?, wide(1)?, wide(2)?);
-                let origin = if first.abs().max_element() < FAR { DVec3::ZERO } else { first.round() };
+                let origin =
+                    if FAR.contains(&first.abs().max_element()) { first.round() } else { DVec3::ZERO };
                 *self.origin.insert(origin)
             }
         };

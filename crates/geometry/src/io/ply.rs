@@ -13,8 +13,9 @@ use glam::{DVec3, Vec2, Vec3};
 use header::{Element, Encoding, Header, Kind, Scalar};
 use std::path::Path;
 
-/// Where `double` coordinates begin to be kept relative to the first vertex: `f32` steps there are above 1/256.
-const FAR: f64 = 65_536.0;
+/// Where the first vertex makes wide coordinates relative to it: from where `f32` steps are above 1/256 to far beyond any
+/// map.
+const FAR: std::ops::Range<f64> = 65_536.0..1e12;
 
 /// Loads a .ply file.
 ///
@@ -299,8 +300,7 @@ impl Vertices {
         for number in 0..count {
             read_row(element, input, &mut row)?;
             let p = DVec3::from_array(columns.position.map(|c| row[c]));
-            if number == 0 && wide && header.origin.is_none() && p.abs().max_element() >= FAR && p.is_finite()
-            {
+            if number == 0 && wide && header.origin.is_none() && FAR.contains(&p.abs().max_element()) {
                 shift = p.round();
                 out.origin = shift;
             }
