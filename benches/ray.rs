@@ -38,33 +38,10 @@ fn main() {
     );
     table.most("build, s, one thread", build, 1.0);
 
-    let only = std::env::var("RAY_ONLY").ok();
     let sets = [("coherent", pinhole(houses)), ("incoherent", street(houses))];
     let rival = Rival::new(&mesh);
     let base = bvh.clone().with_simd(SimdLevel::Baseline);
     let floors = [(8.5, 7.2, 2.0), (6.2, 5.2, 3.0)];
-    if only.as_deref() == Some("2") {
-        let (eye, directions) = bundle(houses);
-        let mut hits = vec![None; 32];
-        let t = Instant::now();
-        while t.elapsed().as_secs_f64() < 6.0 {
-            for directions in directions.chunks(32) {
-                bvh.closest_bundle(eye, directions, &mut hits);
-            }
-        }
-        return;
-    }
-    if let Some(o) = only {
-        let mut hits = vec![None; 1024];
-        let s = &sets[o.parse::<usize>().unwrap()];
-        let t = Instant::now();
-        while t.elapsed().as_secs_f64() < 6.0 {
-            for rays in s.1.chunks(1024) {
-                bvh.closest_batch(rays, &mut hits);
-            }
-        }
-        return;
-    }
     for ((name, rays), (floor, floor_base, floor_ratio)) in sets.iter().zip(floors) {
         let mut hits = vec![None; rays.len()];
         let (mut ours, mut baseline, mut theirs) = (0.0f64, 0.0f64, 0.0f64);

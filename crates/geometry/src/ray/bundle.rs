@@ -30,6 +30,8 @@ pub(super) struct Bundle {
     /// Per ray: x and y per unit of depth, and t per unit of depth.
     shear: [[f64; RAYS]; 3],
     shear_f32: [[f32; RAYS]; 2],
+    /// Per ray: depth (times `sign`) per unit of t.
+    depth: [f64; RAYS],
     /// Depth times this is not negative.
     sign: f32,
     /// Shear on the pyramid's sides: lower and upper ends of x, then y, in terms of depth times `sign`.
@@ -48,6 +50,7 @@ impl Bundle {
             origin: [0.0; 3],
             shear: [[0.0; RAYS]; 3],
             shear_f32: [[0.0; RAYS]; 2],
+            depth: [0.0; RAYS],
             sign: 1.0,
             sides: [[0.0; 2]; 2],
             error: 0.0,
@@ -58,7 +61,13 @@ impl Bundle {
 
     /// Takes new rays. False when they are better, or only, traced one by one.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, simd: S, frame: &Frame, origin: DVec3, directions: &[DVec3]) -> bool {
+    pub(super) fn set<S: Simd>(
+        &mut self,
+        simd: S,
+        frame: &Frame,
+        origin: DVec3,
+        directions: &[DVec3],
+    ) -> bool {
         let bundle = self;
         let origin = frame.point(origin);
         let reach = origin.abs().max_element();
@@ -100,8 +109,9 @@ impl Bundle {
             let ends = if bundle.sign < 0.0 { [-high, -low] } else { [low, high] };
             bundle.sides[side] = [ends[0] as f32, ends[1] as f32];
         }
-        let third = bundle.shear[2][0];
+        let (third, depth) = (bundle.shear[2][0], bundle.depth[0]);
         bundle.shear[2][count..].fill(third);
+        bundle.depth[count..].fill(depth);
         true
     }
 
@@ -129,7 +139,8 @@ impl Bundle {
         let lanes = group * 4..group * 4 + 4;
         (x / z).store_slice(&mut self.shear[0][lanes.clone()]);
         (y / z).store_slice(&mut self.shear[1][lanes.clone()]);
-        (f64x4::splat(simd, 1.0) / z).store_slice(&mut self.shear[2][lanes]);
+        (f64x4::splat(simd, 1.0) / z).store_slice(&mut self.shear[2][lanes.clone()]);
+        depth.store_slice(&mut self.depth[lanes]);
         usable.all_true()
     }
 
@@ -231,8 +242,10 @@ impl Bundle {
         let [sx, sy, sz] = each(|i| f64x4::from_slice(simd, &self.shear[i][first..first + 4]));
         let local = each(|corner| each(|i| f64::from(corners[corner][i]) - self.origin[i]));
         let [az, bz, cz] = each(|i| splat(local[i][2]));
-        let [ax, bx, cx] = [splat(local[0][0]) - sx * az, splat(local[1][0]) - sx * bz, splat(local[2][0]) - sx * cz];
-        let [ay, by, cy] = [splat(local[0][1]) - sy * az, splat(local[1][1]) - sy * bz, splat(local[2][1]) - sy * cz];
+        let [ax, bx, cx] =
+            [splat(local[0][0]) - sx * az, splat(local[1][0]) - sx * bz, splat(local[2][0]) - sx * cz];
+        let [ay, by, cy] =
+            [splat(local[0][1]) - sy * az, splat(local[1][1]) - sy * bz, splat(local[2][1]) - sy * cz];
         let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
         let one_sign = u.min(v).min(w).simd_ge(0.0) | u.max(v).max(w).simd_le(0.0);
         let det = sum(u, v, w);
@@ -250,7 +263,7 @@ impl Bundle {
             let hit = Crossing { t: t[i], areas: [v[i], w[i], det[i]] };
             let ray = (first + i) & (RAYS - 1);
             if self.best[ray].offer(key, &hit) {
-                self.limits[ray] = (t[i] / self.shear[2][ray]).abs() as f32 + self.error;
+                self.limits[ray] = (t[i] * self.depth[ray]) as f32 + self.error;
                 improved = true;
             }
         }
@@ -329,7 +342,10 @@ impl Pyramid {
         let near = row(simd, depth, backwards) * splat(self.sign) - splat(self.origin);
         let far = row(simd, depth, backwards ^ 1) * splat(self.sign) - splat(self.origin);
         let near = (near - splat(self.error)).max(splat(0.0));
-        let hits = self.box_side(simd, node, 0) & self.box_side(simd, node, 1) & near.simd_le(splat(limit)) & far.simd_ge(splat(-self.error));
+        let hits = self.box_side(simd, node, 0)
+            & self.box_side(simd, node, 1)
+            & near.simd_le(splat(limit))
+            & far.simd_ge(splat(-self.error));
         // Empty lanes have their far face before the near one.
         let hits = hits & row(simd, depth, 0).simd_le(row(simd, depth, 1));
         (hits.to_bitmask() as u32, near.to_array())
@@ -364,7 +380,8 @@ impl Pyramid {
         let [a, b, c] = each(|i| depths[i] * splat(self.sign) - splat(self.origin));
         let near = a.min(b).min(c).simd_le(splat(limit + self.error));
         let far = a.max(b).max(c).simd_ge(splat(-self.error));
-        (self.side(simd, block, depths, 0) & self.side(simd, block, depths, 1) & near & far).to_bitmask() as u32
+        (self.side(simd, block, depths, 0) & self.side(simd, block, depths, 1) & near & far).to_bitmask()
+            as u32
     }
 }
 

@@ -240,9 +240,9 @@ impl RayCaster for SceneCaster {
         #[cfg(feature = "rayon")]
         if rays.len() > JOB {
             use rayon::prelude::*;
-            rays.par_chunks(JOB).zip(hits.par_chunks_mut(JOB)).for_each(
-                |(rays, hits)| dispatch!(self.level, simd => cast_all(simd, self, rays, hits)),
-            );
+            rays.par_chunks(JOB)
+                .zip(hits.par_chunks_mut(JOB))
+                .for_each(|(rays, hits)| dispatch!(self.level, simd => cast_all(simd, self, rays, hits)));
             return;
         }
         dispatch!(self.level, simd => cast_all(simd, self, rays, hits));

@@ -257,9 +257,8 @@ fn to_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, DVec3) {
     let (ap, bp, cp) = (p - a, p - b, p - c);
     let normal = ab.cross(-ca);
     let normal_sq = normal.length_squared();
-    let inside = normal.cross(ab).dot(ap) >= 0.0
-        && normal.cross(bc).dot(bp) >= 0.0
-        && normal.cross(ca).dot(cp) >= 0.0;
+    let inside =
+        normal.cross(ab).dot(ap) >= 0.0 && normal.cross(bc).dot(bp) >= 0.0 && normal.cross(ca).dot(cp) >= 0.0;
     if inside && normal_sq > 0.0 {
         // The corner closest to the point loses least to cancellation.
         let height = normal.dot(ap) / normal_sq;
