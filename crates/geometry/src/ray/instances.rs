@@ -174,7 +174,7 @@ impl SceneCaster {
         let origin = caster.frame.point(placed.mesh_from_world.transform_point3(ray.origin()));
         let direction = placed.mesh_from_world.transform_vector3(ray.direction());
         let direction = caster.frame.vector(direction) + DVec3::ZERO;
-        if !(direction.abs().max_element() > 0.0) || !direction.is_finite() || !origin.is_finite() {
+        if direction == DVec3::ZERO || !direction.is_finite() || !origin.is_finite() {
             return;
         }
         let sheared = Sheared::new(origin, direction, ray.t_min(), ray.t_max());
