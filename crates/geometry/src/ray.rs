@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`Bvh8`] | one mesh: eight-wide tree in SIMD, watertight, exact to `f64` |
 //! | [`SceneCaster`] | all instances of a scene |
+//! | `ObvhsCaster` (feature `obvhs`) | a second, independent tree |
 //! | [`BruteForce`] | tests: every triangle in turn, a different method, no tree |
 
 mod brute;
@@ -15,6 +16,8 @@ mod exact;
 mod frame;
 mod instances;
 mod nearest;
+#[cfg(feature = "obvhs")]
+mod obvhs;
 mod single;
 mod tree;
 
@@ -22,6 +25,8 @@ pub use brute::BruteForce;
 pub use bvh8::{Bvh8, SimdLevel};
 pub use instances::{SceneCaster, SceneCasterError};
 pub use nearest::SurfacePoint;
+#[cfg(feature = "obvhs")]
+pub use obvhs::{ObvhsCaster, ObvhsTree};
 
 use glam::DVec3;
 

@@ -1,8 +1,9 @@
 //! Ray casters against the brute-force oracle, against one another, and on inputs where casters usually break.
 
-use farsight_geometry::glam::{DVec3, Vec3};
-use farsight_geometry::ray::{BruteForce, Bvh8, SimdLevel};
-use farsight_geometry::{Hit, Ray, RayCaster, TriangleMesh};
+use farsight_geometry::glam::{DAffine3, DQuat, DVec3, Vec3};
+use farsight_geometry::ray::{BruteForce, Bvh8, SceneCaster, SimdLevel};
+use farsight_geometry::scene::{Instance, MeshId};
+use farsight_geometry::{DAabb, Hit, Ray, RayCaster, Scene, TriangleMesh};
 use proptest::prelude::*;
 
 struct Random(u64);
@@ -359,6 +360,267 @@ fn trees_of_hostile_inputs_stay_shallow() {
         let caster = Bvh8::new(&mesh);
         assert!(caster.depth() <= 32, "{}", caster.depth());
         agree(&mesh, &caster, &rays_around(&mesh, 300, 1));
+    }
+}
+
+#[test]
+fn instances_agree_with_the_flattened_mesh() {
+    let meshes = [bumpy_sphere(8, 10), confetti(60, 0.4, 40), soup(vec![])];
+    let mut random = Random(41);
+    let mut scene = Scene::new();
+    let ids = meshes.clone().map(|mesh| scene.add_mesh(mesh));
+    let (mut flat, mut names) = (Vec::new(), Vec::new());
+    for i in 0..60 {
+        let stretch =
+            [DVec3::ONE, DVec3::new(-1.0, 1.0, 1.0), DVec3::new(0.01, 3.0, -0.5), DVec3::splat(1e-3)][i % 4];
+        let rotation = DQuat::from_axis_angle(random.vector().normalize(), random.next() * 6.0);
+        let place =
+            DAffine3::from_scale_rotation_translation(stretch, rotation, random.vector() * 6.0 + 1000.0);
+        let mesh = i % 3;
+        let instance =
+            Instance { name: i.to_string(), mesh: ids[mesh], world_from_mesh: place, material: None };
+        scene.add_instance(instance).unwrap();
+        for (t, corners) in meshes[mesh].corner_iter().enumerate() {
+            flat.extend(corners.map(|p| place.transform_point3(p.as_dvec3())));
+            names.push((i as u32, t as u32));
+        }
+    }
+    let indices = (0..flat.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let flat = TriangleMesh::from_world(&flat, indices).unwrap();
+    let (caster, oracle) = (SceneCaster::new(&scene).unwrap(), BruteForce::new(&flat));
+    let rays = rays_around(&flat, 3000, 42);
+    let mut batch = vec![None; rays.len()];
+    caster.closest_batch(&rays, &mut batch);
+    let mut hits = 0;
+    for (ray, ours) in rays.iter().zip(batch) {
+        assert_eq!(ours, caster.closest(ray));
+        assert_eq!(caster.occluded(ray), ours.is_some());
+        let theirs = oracle.closest(ray);
+        hits += usize::from(theirs.is_some());
+        let same = match (ours, theirs) {
+            (None, None) => true,
+            (Some(a), Some(b)) => {
+                let name = (a.instance, a.triangle) == names[b.triangle as usize];
+                // The flattened mesh is rounded to f32.
+                (a.t - b.t).abs() < 1e-4 && name && a.back_face == b.back_face || grazes(a) || grazes(b)
+            }
+            (a, b) => a.or(b).is_some_and(grazes),
+        };
+        assert!(same, "{ours:?} instead of {theirs:?} {:?}", theirs.map(|h| names[h.triangle as usize]));
+    }
+    assert!(hits > 500, "{hits}");
+}
+
+/// Close enough to a border for the rounding of a mesh to f32 to matter.
+fn grazes(hit: Hit) -> bool {
+    let [v, w] = hit.barycentrics;
+    v.min(w).min(1.0 - v - w) < 2e-2
+}
+
+#[test]
+fn instances_tie_to_the_lowest_and_singular_ones_are_named() {
+    let mut scene = Scene::of_mesh(bumpy_sphere(6, 8));
+    let place = |matrix| Instance {
+        name: "copy".into(),
+        mesh: MeshId(0),
+        world_from_mesh: DAffine3::from_scale(matrix),
+        material: None,
+    };
+    scene.add_instance(place(DVec3::ONE)).unwrap();
+    let caster = SceneCaster::new(&scene).unwrap();
+    let hit = caster.closest(&Ray::new(DVec3::new(0.1, 0.2, 5.0), DVec3::NEG_Z).unwrap()).unwrap();
+    assert_eq!(hit.instance, 0);
+    scene.add_instance(place(DVec3::new(1.0, 1.0, 0.0))).unwrap();
+    let error = SceneCaster::new(&scene).unwrap_err();
+    assert_eq!(error.to_string(), "instance 2 ('copy') has a placement without inverse");
+    let empty = SceneCaster::new(&Scene::new()).unwrap();
+    assert!(empty.closest(&Ray::new(DVec3::ZERO, DVec3::X).unwrap()).is_none());
+}
+
+/// Squared distance by minimising over the triangle with nested ternary search: no formula shared with the code under test.
+fn searched_distance_sq(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let search = |f: &dyn Fn(f64) -> f64| {
+        let (mut lo, mut hi) = (0.0, 1.0);
+        for _ in 0..60 {
+            let (m, n) = (lo + (hi - lo) / 3.0, hi - (hi - lo) / 3.0);
+            if f(m) < f(n) { hi = n } else { lo = m }
+        }
+        f(0.5 * (lo + hi))
+    };
+    search(&|s| {
+        let (q, r) = (a.lerp(b, s), a.lerp(c, s));
+        search(&|t| q.lerp(r, t).distance_squared(p))
+    })
+}
+
+#[test]
+fn closest_points_agree_with_a_search() {
+    for (scale, offset) in [(1.0, 0.0), (1e-9, 0.0), (1e6, 5e6)] {
+        let mesh = mapped(&confetti(60, 0.4, 50), |p| p * scale + Vec3::splat(offset));
+        let caster = Bvh8::new(&mesh);
+        let bounds = mesh.world_bounds();
+        let mut random = Random(51);
+        let points: Vec<DVec3> = (0..40)
+            .map(|i| bounds.center() + random.vector() * bounds.diagonal() * [0.3, 1.0, 1e6][i % 3])
+            .collect();
+        let mut batch = vec![None; points.len()];
+        caster.closest_points(&points, f64::INFINITY, &mut batch);
+        for (&p, found) in points.iter().zip(batch) {
+            let found = found.unwrap();
+            assert_eq!(Some(found), caster.closest_point(p, f64::INFINITY));
+            let world = |t: [Vec3; 3]| t.map(|q| mesh.origin() + q.as_dvec3());
+            let distances = mesh.corner_iter().map(|t| searched_distance_sq(p, world(t)));
+            let least = distances.fold(f64::INFINITY, f64::min).sqrt();
+            let distance = found.distance_sq.sqrt();
+            let tolerance = 1e-7 * (least + f64::from(scale));
+            assert!((distance - least).abs() <= tolerance, "{distance} instead of {least}");
+            assert!((found.point.distance(p) - distance).abs() <= tolerance);
+            let own = searched_distance_sq(p, world(mesh.corners(found.triangle as usize))).sqrt();
+            assert!((own - distance).abs() <= tolerance);
+            assert!(caster.closest_point(p, distance * 0.999).is_none());
+            assert!(caster.closest_point(p, distance * 1.001).is_some());
+        }
+    }
+    let segment = Bvh8::new(&soup(vec![Vec3::ZERO, Vec3::X, Vec3::X * 0.25]));
+    let found = segment.closest_point(DVec3::new(0.5, 2.0, 0.0), 3.0).unwrap();
+    assert_eq!((found.distance_sq, found.point), (4.0, DVec3::X * 0.5));
+    assert!(Bvh8::new(&TriangleMesh::default()).closest_point(DVec3::ZERO, 1.0).is_none());
+}
+
+#[test]
+fn overlaps_agree_with_clipping() {
+    let mesh = confetti(300, 0.4, 60);
+    let caster = Bvh8::new(&mesh);
+    let mut random = Random(61);
+    for _ in 0..200 {
+        let (centre, half) = (random.vector(), random.vector().abs() * 0.3);
+        let bounds = DAabb::new(centre - half, centre + half);
+        let clipped = |t: [Vec3; 3]| {
+            let mut polygon: Vec<DVec3> = t.iter().map(|p| p.as_dvec3()).collect();
+            for axis in 0..3 {
+                for (sign, limit) in [(1.0, bounds.max[axis]), (-1.0, -bounds.min[axis])] {
+                    let mut kept = Vec::new();
+                    for i in 0..polygon.len() {
+                        let (p, q) = (polygon[i], polygon[(i + 1) % polygon.len()]);
+                        let (a, b) = (limit - sign * p[axis], limit - sign * q[axis]);
+                        if a >= 0.0 {
+                            kept.push(p);
+                        }
+                        if (a >= 0.0) != (b >= 0.0) {
+                            kept.push(p.lerp(q, a / (a - b)));
+                        }
+                    }
+                    polygon = kept;
+                }
+            }
+            !polygon.is_empty()
+        };
+        let expected: Vec<u32> =
+            mesh.corner_iter().enumerate().filter(|(_, t)| clipped(*t)).map(|(i, _)| i as u32).collect();
+        assert_eq!(caster.overlapping(&bounds), expected);
+    }
+    let touching = DAabb::new(DVec3::new(1.0, 0.0, 0.0), DVec3::new(2.0, 1.0, 1.0));
+    let one = Bvh8::new(&soup(vec![Vec3::ZERO, Vec3::X, Vec3::Y]));
+    assert_eq!(one.overlapping(&touching), [0]);
+    assert!(one.overlapping(&DAabb::EMPTY).is_empty());
+}
+
+#[cfg(feature = "obvhs")]
+mod obvhs {
+    use super::*;
+    use farsight_geometry::ray::{ObvhsCaster, ObvhsTree};
+
+    const TREES: [ObvhsTree; 2] = [ObvhsTree::Binary, ObvhsTree::Compressed];
+
+    fn same_as_ours(mesh: &TriangleMesh, rays: &[Ray]) -> usize {
+        let ours = Bvh8::new(mesh);
+        let quick = Bvh8::quick(mesh);
+        let mut hits = 0;
+        for tree in TREES {
+            let theirs = ObvhsCaster::new(mesh, tree);
+            for ray in rays {
+                let hit = ours.closest(ray);
+                hits += usize::from(hit.is_some());
+                assert_eq!(theirs.closest(ray), hit, "{tree:?} {ray:?}");
+                assert_eq!(quick.closest(ray), hit, "quick {ray:?}");
+                assert_eq!(theirs.occluded(ray), hit.is_some());
+            }
+        }
+        hits
+    }
+
+    #[test]
+    fn both_trees_and_the_quick_build_answer_as_ours() {
+        for mesh in [confetti(1, 1.0, 70), confetti(4000, 0.06, 71), bumpy_sphere(30, 40)] {
+            same_as_ours(&mesh, &rays_around(&mesh, 1500, 72));
+        }
+        same_as_ours(&soup(vec![]), &[Ray::new(DVec3::ZERO, DVec3::X).unwrap()]);
+    }
+
+    #[test]
+    fn negative_zeros_and_axis_directions_hit() {
+        let mesh = bumpy_sphere(30, 40);
+        let mut rays = Vec::new();
+        for axis in DVec3::AXES {
+            for tiny in [0.0, -0.0, 1e-60, -1e-60, -1e-9] {
+                for sign in [1.0, -1.0] {
+                    let d = (axis * sign).map(|x| if x == 0.0 { tiny } else { x });
+                    rays.extend(Ray::new(DVec3::new(0.01, 0.02, 0.03), d));
+                    rays.extend(Ray::new(axis * sign * -3.0, d));
+                }
+            }
+        }
+        assert_eq!(same_as_ours(&mesh, &rays), 2 * rays.len());
+    }
+
+    #[test]
+    fn the_length_of_the_direction_does_not_matter() {
+        let mesh = bumpy_sphere(30, 40);
+        let mut random = Random(73);
+        let rays: Vec<Ray> = [1e-300, 1e-8, 1e-6, 1e6, 1e300]
+            .into_iter()
+            .flat_map(|length| (0..100).map(move |_| length))
+            .map(|length| Ray::new(DVec3::ZERO, random.vector() * length).unwrap())
+            .collect();
+        assert_eq!(same_as_ours(&mesh, &rays), 2 * rays.len());
+    }
+
+    #[test]
+    fn tiny_scenes_and_hits_close_to_the_origin_are_found() {
+        for scale in [1e-12, 1e-4, 1.0, 1e12] {
+            let mesh = mapped(&bumpy_sphere(20, 30), |p| p * scale);
+            let mut random = Random(74);
+            let mut rays = Vec::new();
+            for [a, b, c] in mesh.corner_iter() {
+                let target = (a + b + c).as_dvec3() / 3.0;
+                rays.extend(Ray::new(target * (1.0 - 1e-6), target));
+                rays.extend(Ray::new(random.vector() * 0.1 * f64::from(scale), target));
+            }
+            assert!(same_as_ours(&mesh, &rays) > rays.len());
+        }
+    }
+
+    #[test]
+    fn vertices_and_edges_do_not_leak() {
+        let mesh = bumpy_sphere(30, 40);
+        let mut rays = Vec::new();
+        for [a, b, _] in mesh.corner_iter() {
+            for target in [a, (a + b) * 0.5] {
+                rays.extend(Ray::new(DVec3::ZERO, target.as_dvec3()));
+            }
+        }
+        assert_eq!(same_as_ours(&mesh, &rays), 2 * rays.len());
+    }
+
+    #[test]
+    fn distances_are_in_world_units_and_ties_go_to_the_lowest() {
+        let corners = [Vec3::new(-9.0, -9.0, 5.0), Vec3::new(9.0, -9.0, 5.0), Vec3::new(0.0, 9.0, 5.0)];
+        let mesh = soup(corners.repeat(50));
+        for tree in TREES {
+            let caster = ObvhsCaster::new(&mesh, tree);
+            let hit = caster.closest(&Ray::new(DVec3::ZERO, DVec3::Z * 7.0).unwrap()).unwrap();
+            assert_eq!((hit.t, hit.triangle), (5.0, 0));
+        }
     }
 }
 

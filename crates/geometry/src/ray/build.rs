@@ -110,7 +110,6 @@ fn subtree(items: &mut [Item], first: u32, part: Part, sah_depth: usize, leaf: u
         let middle = first + own.len() as u32;
         let right = Part { items: 0..others.len(), ..right };
         let left_index = out.len();
-        let right_index;
         #[cfg(feature = "rayon")]
         if count > PARALLEL {
             let (mut a, mut b) = (Vec::new(), Vec::new());
@@ -118,7 +117,7 @@ fn subtree(items: &mut [Item], first: u32, part: Part, sah_depth: usize, leaf: u
                 || subtree(own, first, left, deeper, leaf, &mut a),
                 || subtree(others, middle, right, deeper, leaf, &mut b),
             );
-            right_index = left_index + a.len();
+            let right_index = left_index + a.len();
             append(out, a);
             append(out, b);
             out[index].children = [left_index as u32, right_index as u32];
@@ -126,7 +125,7 @@ fn subtree(items: &mut [Item], first: u32, part: Part, sah_depth: usize, leaf: u
             return;
         }
         subtree(own, first, left, deeper, leaf, out);
-        right_index = out.len();
+        let right_index = out.len();
         subtree(others, middle, right, deeper, leaf, out);
         out[index].children = [left_index as u32, right_index as u32];
     }

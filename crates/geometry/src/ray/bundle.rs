@@ -6,11 +6,11 @@
 //! time. So a bundle's hits are those of its rays, bit for bit.
 
 use super::Hit;
-use super::exact::{Crossing, axes, each};
+use super::exact::{axes, each};
 use super::frame::Frame;
 use super::single::{Best, SHEARED_ERROR, Stack};
 use super::tree::{BLOCK, Block, Node, STACK, Tree};
-use fearless_simd::{Simd, f32x8, f64x4, mask32x8, prelude::*};
+use fearless_simd::{Simd, f32x8, f64x4, mask32x8, mask64x4, prelude::*};
 use glam::DVec3;
 
 /// Most rays in a bundle; longer lists are cut.
@@ -30,13 +30,18 @@ pub(super) struct Bundle {
     /// Per ray: x and y per unit of depth, and t per unit of depth.
     shear: [[f64; RAYS]; 3],
     shear_f32: [[f32; RAYS]; 2],
+    /// Per ray: depth (times `sign`) per unit of t.
+    depth: [f64; RAYS],
     /// Depth times this is not negative.
     sign: f32,
     /// Shear on the pyramid's sides: lower and upper ends of x, then y, in terms of depth times `sign`.
     sides: [[f32; 2]; 2],
     /// Bound on the `f32` error of a sheared coordinate.
     error: f32,
-    best: [Best; RAYS],
+    /// Per ray, the best hit: t, key (as the bits of a float, so that lanes can be blended) and areas.
+    t: [f64; RAYS],
+    key: [f64; RAYS],
+    areas: [[f64; RAYS]; 3],
     /// Depths (times `sign`) beyond which each ray's hit is settled.
     limits: [f32; RAYS],
 }
@@ -48,22 +53,31 @@ impl Bundle {
             origin: [0.0; 3],
             shear: [[0.0; RAYS]; 3],
             shear_f32: [[0.0; RAYS]; 2],
+            depth: [0.0; RAYS],
             sign: 1.0,
             sides: [[0.0; 2]; 2],
             error: 0.0,
-            best: [Best::NONE; RAYS],
+            t: [f64::INFINITY; RAYS],
+            key: [0.0; RAYS],
+            areas: [[0.0; RAYS]; 3],
             limits: [f32::INFINITY; RAYS],
         }
     }
 
     /// Takes new rays. False when they are better, or only, traced one by one.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, simd: S, frame: &Frame, origin: DVec3, directions: &[DVec3]) -> bool {
+    pub(super) fn set<S: Simd>(
+        &mut self,
+        simd: S,
+        frame: &Frame,
+        origin: DVec3,
+        directions: &[DVec3],
+    ) -> bool {
         let bundle = self;
         let origin = frame.point(origin);
         let reach = origin.abs().max_element();
-        // Negated so that NaN falls out as well.
-        if directions.is_empty() || directions.len() > RAYS || !(reach <= FARTHEST) {
+        let near = reach <= FARTHEST;
+        if directions.is_empty() || directions.len() > RAYS || !near {
             return false;
         }
         let axes = axes(directions[0]);
@@ -71,7 +85,8 @@ impl Bundle {
         bundle.origin = each(|i| origin[axes[i]]);
         bundle.sign = if directions[0][axes[2]] < 0.0 { -1.0 } else { 1.0 };
         bundle.error = SHEARED_ERROR * (reach as f32).max(1.0);
-        bundle.best = [Best::NONE; RAYS];
+        bundle.t = [f64::INFINITY; RAYS];
+        bundle.key = [f64::from_bits(u64::MAX); RAYS];
         bundle.limits = [f32::INFINITY; RAYS];
         let mut usable = true;
         for group in 0..directions.len().div_ceil(4) {
@@ -100,8 +115,9 @@ impl Bundle {
             let ends = if bundle.sign < 0.0 { [-high, -low] } else { [low, high] };
             bundle.sides[side] = [ends[0] as f32, ends[1] as f32];
         }
-        let third = bundle.shear[2][0];
+        let (third, depth) = (bundle.shear[2][0], bundle.depth[0]);
         bundle.shear[2][count..].fill(third);
+        bundle.depth[count..].fill(depth);
         true
     }
 
@@ -129,14 +145,16 @@ impl Bundle {
         let lanes = group * 4..group * 4 + 4;
         (x / z).store_slice(&mut self.shear[0][lanes.clone()]);
         (y / z).store_slice(&mut self.shear[1][lanes.clone()]);
-        (f64x4::splat(simd, 1.0) / z).store_slice(&mut self.shear[2][lanes]);
+        (f64x4::splat(simd, 1.0) / z).store_slice(&mut self.shear[2][lanes.clone()]);
+        depth.store_slice(&mut self.depth[lanes]);
         usable.all_true()
     }
 
     #[inline(always)]
     pub(super) fn store(&self, hits: &mut [Option<Hit>]) {
-        for (hit, best) in hits.iter_mut().zip(&self.best) {
-            *hit = best.hit();
+        for (ray, hit) in hits.iter_mut().enumerate().take(RAYS) {
+            let areas = each(|i| self.areas[i][ray]);
+            *hit = Best { t: self.t[ray], key: self.key[ray].to_bits(), areas }.hit();
         }
     }
 
@@ -215,10 +233,15 @@ impl Bundle {
             let inside = may_contain(simd, [ax, ay, bx, by, cx, cy], self.error);
             let limits = f32x8::from_slice(simd, &self.limits[first..first + 8]);
             let candidates = (inside & limits.simd_ge(splat(nearest))).to_bitmask() as usize;
+            let mut nearer = false;
             for half in 0..2 {
                 if candidates >> (half * 4) & 15 != 0 {
-                    improved |= self.cross(simd, corners, key, first + half * 4);
+                    nearer |= self.cross(simd, corners, key, first + half * 4);
                 }
+            }
+            if nearer {
+                self.limit(simd, first);
+                improved = true;
             }
         }
         improved
@@ -231,31 +254,49 @@ impl Bundle {
         let [sx, sy, sz] = each(|i| f64x4::from_slice(simd, &self.shear[i][first..first + 4]));
         let local = each(|corner| each(|i| f64::from(corners[corner][i]) - self.origin[i]));
         let [az, bz, cz] = each(|i| splat(local[i][2]));
-        let [ax, bx, cx] = [splat(local[0][0]) - sx * az, splat(local[1][0]) - sx * bz, splat(local[2][0]) - sx * cz];
-        let [ay, by, cy] = [splat(local[0][1]) - sy * az, splat(local[1][1]) - sy * bz, splat(local[2][1]) - sy * cz];
+        let [ax, bx, cx] =
+            [splat(local[0][0]) - sx * az, splat(local[1][0]) - sx * bz, splat(local[2][0]) - sx * cz];
+        let [ay, by, cy] =
+            [splat(local[0][1]) - sy * az, splat(local[1][1]) - sy * bz, splat(local[2][1]) - sy * cz];
         let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
         let one_sign = u.min(v).min(w).simd_ge(0.0) | u.max(v).max(w).simd_le(0.0);
         let det = sum(u, v, w);
         let t = sum(u * az, v * bz, w * cz) / det * sz;
-        let valid = one_sign & t.simd_ge(0.0) & t.simd_lt(f64::INFINITY) & det.simd_ne(0.0);
-        let mut lanes = valid.to_bitmask() as usize;
-        if lanes == 0 {
+        let lanes = first..first + 4;
+        let best = f64x4::from_slice(simd, &self.t[lanes.clone()]);
+        let valid = one_sign & t.simd_ge(0.0) & t.simd_le(best) & t.simd_lt(f64::INFINITY) & det.simd_ne(0.0);
+        if valid.all_false() {
             return false;
         }
-        let (t, v, w, det) = (t.to_array(), v.to_array(), w.to_array(), det.to_array());
-        let mut improved = false;
-        while lanes != 0 {
-            let i = lanes.trailing_zeros() as usize & 3;
-            lanes &= lanes - 1;
-            let hit = Crossing { t: t[i], areas: [v[i], w[i], det[i]] };
-            let ray = (first + i) & (RAYS - 1);
-            if self.best[ray].offer(key, &hit) {
-                self.limits[ray] = (t[i] / self.shear[2][ray]).abs() as f32 + self.error;
-                improved = true;
+        let mut better = valid & t.simd_lt(best);
+        let tied = (valid & t.simd_eq(best)).to_bitmask() as usize;
+        for lane in 0..4 {
+            if tied >> lane & 1 != 0 && key < self.key[first + lane].to_bits() {
+                better.set(lane, true);
             }
         }
-        improved
+        better.select(t, best).store_slice(&mut self.t[lanes.clone()]);
+        blend(simd, better, splat(f64::from_bits(key)), &mut self.key[lanes.clone()]);
+        blend(simd, better, v, &mut self.areas[0][lanes.clone()]);
+        blend(simd, better, w, &mut self.areas[1][lanes.clone()]);
+        blend(simd, better, det, &mut self.areas[2][lanes]);
+        true
     }
+
+    /// Brings the depth limits of eight rays up to date.
+    #[inline(always)]
+    fn limit<S: Simd>(&mut self, simd: S, first: usize) {
+        let depth = |at: usize| {
+            f64x4::from_slice(simd, &self.t[at..at + 4]) * f64x4::from_slice(simd, &self.depth[at..at + 4])
+        };
+        let limits = simd.narrow_f64x4(depth(first), depth(first + 4)) + self.error;
+        limits.store_slice(&mut self.limits[first..first + 8]);
+    }
+}
+
+#[inline(always)]
+fn blend<S: Simd>(simd: S, mask: mask64x4<S>, new: f64x4<S>, old: &mut [f64]) {
+    mask.select(new, f64x4::from_slice(simd, old)).store_slice(old);
 }
 
 /// As [`sum`](super::exact::sum) of scalars.
@@ -329,7 +370,10 @@ impl Pyramid {
         let near = row(simd, depth, backwards) * splat(self.sign) - splat(self.origin);
         let far = row(simd, depth, backwards ^ 1) * splat(self.sign) - splat(self.origin);
         let near = (near - splat(self.error)).max(splat(0.0));
-        let hits = self.box_side(simd, node, 0) & self.box_side(simd, node, 1) & near.simd_le(splat(limit)) & far.simd_ge(splat(-self.error));
+        let hits = self.box_side(simd, node, 0)
+            & self.box_side(simd, node, 1)
+            & near.simd_le(splat(limit))
+            & far.simd_ge(splat(-self.error));
         // Empty lanes have their far face before the near one.
         let hits = hits & row(simd, depth, 0).simd_le(row(simd, depth, 1));
         (hits.to_bitmask() as u32, near.to_array())
@@ -364,7 +408,8 @@ impl Pyramid {
         let [a, b, c] = each(|i| depths[i] * splat(self.sign) - splat(self.origin));
         let near = a.min(b).min(c).simd_le(splat(limit + self.error));
         let far = a.max(b).max(c).simd_ge(splat(-self.error));
-        (self.side(simd, block, depths, 0) & self.side(simd, block, depths, 1) & near & far).to_bitmask() as u32
+        (self.side(simd, block, depths, 0) & self.side(simd, block, depths, 1) & near & far).to_bitmask()
+            as u32
     }
 }
 

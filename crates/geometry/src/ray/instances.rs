@@ -174,7 +174,7 @@ impl SceneCaster {
         let origin = caster.frame.point(placed.mesh_from_world.transform_point3(ray.origin()));
         let direction = placed.mesh_from_world.transform_vector3(ray.direction());
         let direction = caster.frame.vector(direction) + DVec3::ZERO;
-        if !(direction.abs().max_element() > 0.0) || !direction.is_finite() || !origin.is_finite() {
+        if direction == DVec3::ZERO || !direction.is_finite() || !origin.is_finite() {
             return;
         }
         let sheared = Sheared::new(origin, direction, ray.t_min(), ray.t_max());
@@ -240,9 +240,9 @@ impl RayCaster for SceneCaster {
         #[cfg(feature = "rayon")]
         if rays.len() > JOB {
             use rayon::prelude::*;
-            rays.par_chunks(JOB).zip(hits.par_chunks_mut(JOB)).for_each(
-                |(rays, hits)| dispatch!(self.level, simd => cast_all(simd, self, rays, hits)),
-            );
+            rays.par_chunks(JOB)
+                .zip(hits.par_chunks_mut(JOB))
+                .for_each(|(rays, hits)| dispatch!(self.level, simd => cast_all(simd, self, rays, hits)));
             return;
         }
         dispatch!(self.level, simd => cast_all(simd, self, rays, hits));

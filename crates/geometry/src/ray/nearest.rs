@@ -136,7 +136,7 @@ fn search<S: Simd>(
 ) -> Option<Nearest> {
     let (tree, stack) = (&caster.tree, &mut stack.0);
     let point = caster.frame.point(point);
-    if !point.is_finite() || !(max_distance >= 0.0) {
+    if !point.is_finite() || max_distance.is_nan() || max_distance < 0.0 {
         return None;
     }
     let reach = max_distance * caster.frame.scale();
@@ -152,7 +152,8 @@ fn search<S: Simd>(
             let distances = to_boxes(node, point);
             let base = height;
             for lane in 0..8 {
-                if distances[lane] > best.distance_sq {
+                let empty = distances[lane] == f64::INFINITY;
+                if distances[lane] > best.distance_sq || empty {
                     continue;
                 }
                 // The distance in f32, rounded down, orders the stack.
@@ -171,8 +172,8 @@ fn search<S: Simd>(
             let block = tree.blocks.get(index)?;
             let distances = to_triangle_boxes(block, point);
             for lane in 0..8 {
-                // False for the NaN of spare lanes.
-                if distances[lane] <= best.distance_sq {
+                let spare = distances[lane] == f64::INFINITY;
+                if distances[lane] <= best.distance_sq && !spare {
                     best.offer(block, index, lane, point);
                 }
             }
@@ -223,7 +224,7 @@ fn to_boxes(node: &Node, point: DVec3) -> [f64; 8] {
     sum
 }
 
-/// The same for the boxes of a block's triangles; NaN for spare lanes.
+/// The same for the boxes of a block's triangles.
 #[inline(always)]
 fn to_triangle_boxes(block: &Block, point: DVec3) -> [f64; 8] {
     let mut sum = [0.0; 8];
@@ -234,11 +235,12 @@ fn to_triangle_boxes(block: &Block, point: DVec3) -> [f64; 8] {
             let (low, high) = (if a < b { a } else { b }, if a < b { b } else { a });
             let (low, high) = (if low < c { low } else { c }, if high > c { high } else { c });
             let outside = outside(low, high, point[axis]);
-            sum[lane] += outside * outside + f64::from(a - a);
+            sum[lane] += outside * outside;
         }
     }
     for lane in 0..8 {
-        sum[lane] *= BELOW;
+        let spare = block.corners[0][0][lane].is_nan();
+        sum[lane] = if spare { f64::INFINITY } else { sum[lane] * BELOW };
     }
     sum
 }
@@ -257,9 +259,8 @@ fn to_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, DVec3) {
     let (ap, bp, cp) = (p - a, p - b, p - c);
     let normal = ab.cross(-ca);
     let normal_sq = normal.length_squared();
-    let inside = normal.cross(ab).dot(ap) >= 0.0
-        && normal.cross(bc).dot(bp) >= 0.0
-        && normal.cross(ca).dot(cp) >= 0.0;
+    let inside =
+        normal.cross(ab).dot(ap) >= 0.0 && normal.cross(bc).dot(bp) >= 0.0 && normal.cross(ca).dot(cp) >= 0.0;
     if inside && normal_sq > 0.0 {
         // The corner closest to the point loses least to cancellation.
         let height = normal.dot(ap) / normal_sq;

@@ -140,9 +140,15 @@ impl Walk {
         })
     }
 
+    /// Where the ray is `run_up` walk distances before the walk's start, and its direction in walk distances.
+    #[cfg(feature = "obvhs")]
+    pub(super) fn start_before(&self, origin: DVec3, direction: DVec3, run_up: f64) -> (DVec3, DVec3) {
+        (origin + direction * (self.offset - run_up / self.per_t), direction / self.per_t)
+    }
+
     /// The largest walk distance that can belong to a hit at `t`.
     #[inline(always)]
-    fn limit(&self, t: f64) -> f32 {
+    pub(super) fn limit(&self, t: f64) -> f32 {
         ((t - self.offset) * self.per_t) as f32 + self.error
     }
 }

@@ -82,7 +82,7 @@ impl Block {
 
 /// A triangle without area, written with two equal corners: then its edge functions cancel exactly for every ray,
 /// which they need not do for three corners that merely lie on a line.
-fn without_area_as_segment(corners: [Vec3; 3]) -> [Vec3; 3] {
+pub(super) fn without_area_as_segment(corners: [Vec3; 3]) -> [Vec3; 3] {
     let [a, b, c] = corners;
     if !is_collinear(corners) {
         return corners;
