@@ -15,6 +15,7 @@
 
 pub mod accuracy;
 pub mod bounds;
+pub mod bvh;
 pub mod camera;
 pub mod frustum;
 pub mod io;
