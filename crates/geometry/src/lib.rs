@@ -23,6 +23,7 @@ pub mod mesh;
 pub mod points;
 pub mod ray;
 pub mod rounding;
+pub mod sampling;
 pub mod scene;
 
 pub use accuracy::{Cost, Counters, ErrorBound};
