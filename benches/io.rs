@@ -32,11 +32,11 @@ fn main() {
         let path = folder.join(name);
         let attributes = name.starts_with('a');
         let scale = if job == "glb" {
-            if attributes { 1.35 } else { 1.7 }
+            if attributes { 1.06 } else { 1.33 }
         } else if attributes {
-            0.85
+            0.57
         } else {
-            1.2
+            0.91
         };
         write(&path, (side as f64 * scale) as usize, attributes);
         let megabytes = std::fs::metadata(&path).map_or(0, |m| m.len()) as f64 / 1e6;
