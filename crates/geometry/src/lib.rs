@@ -17,6 +17,7 @@
 
 pub mod accuracy;
 pub mod bounds;
+pub mod bvh;
 pub mod camera;
 pub mod convex;
 pub mod distance;
@@ -29,6 +30,7 @@ pub mod points;
 pub mod predicates;
 pub mod ray;
 pub mod rounding;
+pub mod sampling;
 pub mod scene;
 
 pub use accuracy::{Cost, Counters, ErrorBound};

@@ -139,10 +139,8 @@ impl Vertices {
                 *slot = 0;
             }
         }
-        let mut count = 0;
-        for slot in new.iter_mut().filter(|slot| **slot != UNUSED) {
-            *slot = count;
-            count += 1;
+        for (kept, slot) in new.iter_mut().filter(|slot| **slot != UNUSED).enumerate() {
+            *slot = kept as u32;
         }
         // An index out of range stays so, and the mesh is refused.
         for index in triangles.as_flattened_mut() {
