@@ -83,15 +83,17 @@ impl Gallery {
             scene.bounds().extent(),
             start.elapsed()
         );
-        let shadows = ShadowMap::for_scene(&mut self.rasteriser, &scene, 8192, ShadowOptions::default())?;
         for (view, camera) in views {
             let start = Instant::now();
+            let reach = (0.5 * scene.bounds().diagonal()).min(if name == "terrain" { 1500.0 } else { 90.0 });
+            let options = ShadowOptions::default();
+            let shadows = ShadowMap::for_view(&mut self.rasteriser, &scene, camera, reach, 4096, options)?;
             let mut options = RenderOptions::default();
             options.shadows = &shadows;
             options.supersampling = 2;
             options.haze = Some(12.0 * scene.bounds().diagonal() as f32);
             if name == "rooms" {
-                options.ambient = [Vec3::new(0.30, 0.31, 0.33), Vec3::new(0.24, 0.20, 0.16)];
+                options.ambient = [Vec3::new(0.46, 0.47, 0.50), Vec3::new(0.44, 0.40, 0.35)];
             }
             let (target, counters) = render_scene(&mut self.rasteriser, &scene, camera, &options)?;
             println!("  {view}: {:.2?}, {} triangles drawn", start.elapsed(), counters.drawn);

@@ -82,12 +82,12 @@ fn random_triangles_of_all_sizes_cover_what_the_definition_says() {
 #[test]
 fn every_pixel_of_a_grid_is_covered_exactly_once() {
     let mut random = Random::new(3);
-    for (size, jitter) in [(3.0f32, 1.2f32), (1.0, 0.4), (0.37, 0.1), (16.0, 7.0), (4.0, 0.0)] {
+    for (size, jitter) in [(3.0f32, 0.7f32), (1.0, 0.24), (0.37, 0.09), (16.0, 3.9), (4.0, 0.0)] {
         let n = (72.0 / size) as u32 + 2;
         let positions: Vec<Vec3> = (0..(n + 1) * (n + 1))
             .map(|i| {
                 let (x, y) = ((i % (n + 1)) as f32, (i / (n + 1)) as f32);
-                // The border stays outside the image.
+                // The border stays outside the image; less than a quarter of a cell keeps every triangle upright.
                 let j = |random: &mut Random| random.range_f32(-jitter, jitter);
                 Vec3::new((x - 0.9) * size + j(&mut random), (y - 0.9) * size + j(&mut random), 0.5)
             })
@@ -130,8 +130,10 @@ fn every_pixel_of_a_fan_is_covered_exactly_once() {
 
 #[test]
 fn a_plane_that_passes_under_the_eye_has_no_cracks() {
+    // Below the near distance, so that the ground comes closer than the near plane.
+    const HEIGHT: f64 = 0.06;
     // Ground triangles around the eye, many of them crossing the near plane and the plane of the eye.
-    let camera = farsight_geometry::Camera::look_at(DVec3::new(0.3, 0.2, 1.7), DVec3::new(5.0, 3.0, 0.5), DVec3::Z)
+    let camera = farsight_geometry::Camera::look_at(DVec3::new(0.3, 0.2, HEIGHT), DVec3::new(5.0, 3.0, 0.0), DVec3::Z)
         .unwrap()
         .with_image(160, 120)
         .unwrap();
@@ -156,12 +158,12 @@ fn a_plane_that_passes_under_the_eye_has_no_cracks() {
         camera.clip_from_relative_f64(farsight_geometry::ClipConvention::REVERSED, DVec3::ZERO);
     let draw = Draw { positions: &positions, triangles: &triangles, clip_from_local, state };
     rasteriser.draw_shaded(&mut target, &draw, &|_: &Fragment| Some(Vec4::X));
-    assert!(rasteriser.counters.clipped > 20);
+    assert!(rasteriser.counters.clipped > 3);
     let mut ground = 0;
     for y in 0..120 {
         for x in 0..160 {
             let ray = camera.ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
-            let t = -1.7 / ray.direction().z;
+            let t = -HEIGHT / ray.direction().z;
             let hit = ray.at(t);
             // Well inside the patch; its rim is ragged.
             let inside = t > 0.0 && hit.x.abs().max(hit.y.abs()) < 300.0;

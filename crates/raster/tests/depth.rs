@@ -99,7 +99,7 @@ fn every_pixel_agrees_with_a_ray() {
             .unwrap(),
     ] {
         let (hits, differ) = compare(&scene, &camera);
-        assert!(hits > 1000, "{hits}");
+        assert!(hits > 200, "{hits}");
         // Snapping to 1/256 px moves an edge across a pixel's centre in about one of a hundred border pixels.
         assert!(f64::from(differ) <= 0.005 * f64::from(hits), "{differ} of {hits}");
     }
@@ -117,7 +117,7 @@ fn an_offset_of_a_million_metres_changes_next_to_nothing() {
         let world_from_mesh = DAffine3::from_translation(offset)
             * instance.world_from_mesh
             * DAffine3::from_translation(-offset);
-        let instance = farsight_geometry::scene::Instance { mesh, world_from_mesh, ..instance.clone() };
+        let instance = farsight_geometry::scene::Instance { mesh, world_from_mesh, material: None, ..instance.clone() };
         far.add_instance(instance).unwrap();
     }
     let at = |offset: DVec3| {
@@ -127,7 +127,7 @@ fn an_offset_of_a_million_metres_changes_next_to_nothing() {
             .unwrap()
     };
     let (hits, differ) = compare(&far, &at(offset));
-    assert!(hits > 1000 && f64::from(differ) <= 0.005 * f64::from(hits), "{differ} of {hits}");
+    assert!(hits > 200 && f64::from(differ) <= 0.005 * f64::from(hits), "{differ} of {hits}");
 }
 
 fn ground() -> TriangleMesh {
