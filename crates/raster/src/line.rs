@@ -1,9 +1,9 @@
 //! Lines.
 
+use crate::Target;
 use crate::clip::Viewport;
 use crate::draw::{Ids, Rasteriser, State};
 use crate::point::put;
-use crate::Target;
 use glam::{DMat4, DVec2, Vec3, Vec4, swizzles::Vec2Swizzles as _};
 
 /// Line segments and how they appear.

@@ -2,7 +2,7 @@
 
 use crate::draw::{Blend, Draw, Fragment, PixelShader, Rasteriser, State};
 use crate::{RasterError, Target};
-use glam::{DMat4, DVec3, Vec2, Vec3, Vec4};
+use glam::{DMat4, Vec2, Vec3, Vec4};
 
 /// A picture for a quad: linear colour premultiplied by alpha, row by row from the top.
 #[derive(Clone, Debug)]
@@ -50,7 +50,11 @@ impl QuadImage {
         let texel = |dx: i64, dy: i64| {
             let (x, y) = (floor.x as i64 + dx, floor.y as i64 + dy);
             let inside = x >= 0 && y >= 0 && x < self.width as i64 && y < self.height as i64;
-            if inside { Vec4::from_array(self.texels[y as usize * self.width + x as usize]) } else { Vec4::ZERO }
+            if inside {
+                Vec4::from_array(self.texels[y as usize * self.width + x as usize])
+            } else {
+                Vec4::ZERO
+            }
         };
         texel(0, 0).lerp(texel(1, 0), f.x).lerp(texel(0, 1).lerp(texel(1, 1), f.x), f.y)
     }
@@ -125,7 +129,7 @@ impl<const RELIEF: bool> PixelShader for QuadShader<'_, RELIEF> {
         let uv = self.uv(fragment);
         let [a, b, c] = self.draw.corners;
         let point = a + (b - a) * uv.x + (c - a) * uv.y + self.normal * self.draw.image.height_at(uv);
-        let clip = self.draw.clip_from_local * DVec3::from(point.as_dvec3()).extend(1.0);
+        let clip = self.draw.clip_from_local * point.as_dvec3().extend(1.0);
         (clip.z / clip.w) as f32
     }
 }

@@ -69,8 +69,7 @@ impl OcclusionQueries {
             let local = b.to_local(center);
             local.corners()
         };
-        let state =
-            State { cull: Cull::Back, depth_test: DepthTest::NearerOrEqual, ..State::default() };
+        let state = State { cull: Cull::Back, depth_test: DepthTest::NearerOrEqual, ..State::default() };
         let clip_from_local = clip_from_relative * DMat4::from_translation(center - origin);
         let draw = Draw { positions: &positions, triangles: &BOX, clip_from_local, state };
         self.issue(rasteriser, target, &draw)

@@ -2,8 +2,8 @@
 
 use crate::draw::{Draw, Rasteriser, State};
 use crate::{Cull, Outputs, RasterError, Target};
-use farsight_geometry::{Camera, Scene};
 use farsight_geometry::scene::Light;
+use farsight_geometry::{Camera, Scene};
 use glam::{DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
 use std::sync::Arc;
 
@@ -87,7 +87,7 @@ impl ShadowMap {
             return Err(RasterError::Option { option: "radius", value: radius, range: "(0, ∞)" });
         }
         let length = direction.length();
-        if !((length - 1.0).abs() < 1e-5) {
+        if length.is_nan() || (length - 1.0).abs() > 1e-5 {
             return Err(RasterError::Option { option: "direction", value: length, range: "unit length" });
         }
         let (right, up) = direction.any_orthonormal_pair();
@@ -105,7 +105,11 @@ impl ShadowMap {
         // which an offset of as much times sin θ along the normal makes up for. The rest is for rounding.
         let automatic = 1.5 * f64::from(options.filter_radius + 1) * texel;
         let options = ShadowOptions {
-            normal_offset: if options.normal_offset == 0.0 { automatic as f32 } else { options.normal_offset },
+            normal_offset: if options.normal_offset == 0.0 {
+                automatic as f32
+            } else {
+                options.normal_offset
+            },
             ..options
         };
         let mut map = Self::new(size, matrix, center, -direction, options)?;
@@ -131,7 +135,15 @@ impl ShadowMap {
         for light in scene.lights() {
             let Light::Directional { direction, .. } = *light else { break };
             let direction = direction.normalize();
-            maps.push(Self::directional(rasteriser, scene, direction, bounds.center(), radius, size, options)?);
+            maps.push(Self::directional(
+                rasteriser,
+                scene,
+                direction,
+                bounds.center(),
+                radius,
+                size,
+                options,
+            )?);
         }
         Ok(maps)
     }
@@ -176,7 +188,8 @@ impl ShadowMap {
     ) {
         let state = State { cull: self.options.cull, depth_clamp: true, ..State::default() };
         let clip_from_local = self.clip_from_relative * relative_from_local;
-        rasteriser.draw(Arc::make_mut(&mut self.target), &Draw { positions, triangles, clip_from_local, state });
+        rasteriser
+            .draw(Arc::make_mut(&mut self.target), &Draw { positions, triangles, clip_from_local, state });
     }
 
     /// Draws all instances of a scene as casters.

@@ -171,7 +171,8 @@ impl Target {
 
     fn resolve_block(&self, x: u32, y: u32, factor: u32, small: &mut Self) {
         let at = small.index(x, y);
-        let block = (0..factor * factor).map(|i| self.index(x * factor + i % factor, y * factor + i / factor));
+        let block =
+            (0..factor * factor).map(|i| self.index(x * factor + i % factor, y * factor + i / factor));
         if self.outputs.colour {
             let mut sum = [0.0f32; 4];
             for i in block.clone() {

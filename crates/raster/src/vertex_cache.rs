@@ -52,7 +52,11 @@ mod tests {
                 let triangles: Vec<[u32; 3]> = (0..500)
                     .map(|t| std::array::from_fn(|_| (t / 4 + random.below(spread)) as u32))
                     .collect();
-                assert_eq!(fifo_cache_misses(&triangles, size), brute_force(&triangles, size), "{size} {spread}");
+                assert_eq!(
+                    fifo_cache_misses(&triangles, size),
+                    brute_force(&triangles, size),
+                    "{size} {spread}"
+                );
             }
         }
         assert_eq!(fifo_cache_misses(&[], 16), 0);

@@ -20,7 +20,11 @@ fn from_px(width: u32, height: u32) -> DMat4 {
 fn soup(random: &mut Random, count: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let positions = (0..3 * count)
         .map(|_| {
-            Vec3::new(random.range_f32(-10.0, 60.0), random.range_f32(-10.0, 60.0), random.range_f32(0.0, 1.0))
+            Vec3::new(
+                random.range_f32(-10.0, 60.0),
+                random.range_f32(-10.0, 60.0),
+                random.range_f32(0.0, 1.0),
+            )
         })
         .collect();
     (positions, (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
@@ -89,7 +93,8 @@ fn answers_come_late_and_in_order() {
 #[test]
 fn a_box_counts_the_pixels_whose_rays_meet_it() {
     let eye = DVec3::new(4.0, -6.0, 3.0);
-    let camera = Camera::look_at(eye, DVec3::new(0.2, 0.1, 0.4), DVec3::Z).unwrap().with_image(160, 120).unwrap();
+    let camera =
+        Camera::look_at(eye, DVec3::new(0.2, 0.1, 0.4), DVec3::Z).unwrap().with_image(160, 120).unwrap();
     let matrix = camera.clip_from_relative_f64(ClipConvention::REVERSED, eye);
     let mut rasteriser = Rasteriser::new();
     let target = Target::new(160, 120, Outputs::DEPTH).unwrap();
@@ -179,14 +184,21 @@ fn lines_are_connected_and_clipped() {
         [Vec3::ZERO, Vec3::ZERO],
     ];
     let clip_from_local = camera.clip_from_relative_f64(ClipConvention::REVERSED, DVec3::ZERO);
-    let draw = LineDraw { segments: &segments, colour: Vec4::ONE, width_px: 3, clip_from_local, state: State::default() };
+    let draw = LineDraw {
+        segments: &segments,
+        colour: Vec4::ONE,
+        width_px: 3,
+        clip_from_local,
+        state: State::default(),
+    };
     rasteriser.draw_lines(&mut target, &draw);
     assert!(target.ids().any(|id| id == 1));
 }
 
 #[test]
 fn a_quad_shows_its_picture_upright_and_its_relief_in_depth() {
-    let texels: Vec<[f32; 4]> = (0..8 * 4).map(|i| [(i % 8) as f32 / 8.0, (i / 8) as f32 / 4.0, 0.0, 1.0]).collect();
+    let texels: Vec<[f32; 4]> =
+        (0..8 * 4).map(|i| [(i % 8) as f32 / 8.0, (i / 8) as f32 / 4.0, 0.0, 1.0]).collect();
     let plain = QuadImage::new(8, 4, texels.clone(), None).unwrap();
     let raised = QuadImage::new(8, 4, texels.clone(), Some(vec![0.25; 32])).unwrap();
     let mut rasteriser = Rasteriser::new();

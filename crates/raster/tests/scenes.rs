@@ -63,7 +63,10 @@ fn meshes_are_well_formed() {
             assert!(normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-3), "{name}, mesh {i}");
             // Normals are on the side from which the corners appear counter-clockwise.
             let wrong = mesh.triangles().iter().zip(mesh.corner_iter()).filter(|(t, [a, b, c])| {
-                (*b - *a).cross(*c - *a).dot(normals[t[0] as usize] + normals[t[1] as usize] + normals[t[2] as usize]) < 0.0
+                (*b - *a)
+                    .cross(*c - *a)
+                    .dot(normals[t[0] as usize] + normals[t[1] as usize] + normals[t[2] as usize])
+                    < 0.0
             });
             assert_eq!(wrong.count(), 0, "{name}, mesh {i}");
         }
@@ -134,9 +137,12 @@ fn terrain_tiles_fill_the_square_without_gaps() {
         let [a, b, c] = c.map(|p| p.as_dvec3().truncate());
         0.5 * (b - a).perp_dot(c - a)
     };
-    let area: f64 = scene.meshes().iter().flat_map(|m| m.corner_iter().collect::<Vec<_>>()).map(footprint).sum();
+    let area: f64 =
+        scene.meshes().iter().flat_map(|m| m.corner_iter().collect::<Vec<_>>()).map(footprint).sum();
     assert!((area / (terrain.side * terrain.side) - 1.0).abs() < 1e-6, "{area}");
-    assert!(scene.meshes().iter().flat_map(|m| m.corner_iter().collect::<Vec<_>>()).all(|c| footprint(c) > 0.0));
+    assert!(
+        scene.meshes().iter().flat_map(|m| m.corner_iter().collect::<Vec<_>>()).all(|c| footprint(c) > 0.0)
+    );
     // Heights are those of the field.
     for p in scene.meshes()[4].positions() {
         let truth = terrain.height(f64::from(p.x), f64::from(p.y));

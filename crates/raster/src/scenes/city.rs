@@ -225,9 +225,8 @@ fn lots(random: &mut Random) -> Vec<Lot> {
         // The sides to the south and north own the corners of the block.
         let (from, to) = if turn % 2 == 0 { (0.0, side) } else { (DEPTH, side - DEPTH) };
         let count = if turn % 2 == 0 { 4 } else { 2 };
-        let mut cuts: Vec<f64> = (0..=count)
-            .map(|i| from + (to - from) * f64::from(i) / f64::from(count))
-            .collect();
+        let mut cuts: Vec<f64> =
+            (0..=count).map(|i| from + (to - from) * f64::from(i) / f64::from(count)).collect();
         for cut in &mut cuts[1..count as usize] {
             *cut += random.range(-1.2, 1.2);
         }
@@ -297,9 +296,10 @@ fn ground(
     for y in 0..depth {
         for x in 0..width {
             let inside = block && x >= STREET && y >= STREET;
-            let edge = |t: u32| t < STREET + 10 || t >= PITCH - 10;
+            let edge = |t: u32| !(STREET + 10..PITCH - 10).contains(&t);
             let colour = if is_road(x, y) {
-                let stripe = x == STREET / 2 && y % 4 < 2 && y >= STREET || y == STREET / 2 && x % 4 < 2 && x >= STREET;
+                let stripe = x == STREET / 2 && y % 4 < 2 && y >= STREET
+                    || y == STREET / 2 && x % 4 < 2 && x >= STREET;
                 if stripe { shaded(ASPHALT, 1.25) } else { ASPHALT }
             } else if inside && !(edge(x) || edge(y)) {
                 GRASS

@@ -130,7 +130,8 @@ fn leafy_tree(leaves: u32, random: &mut Random, out: &mut Builder) {
     for _ in 0..leaves {
         let (center, radius) = clusters[random.below(clusters.len())];
         let p = center + random.direction() * (radius * random.unit().cbrt() as f32);
-        let normal = (random.direction() + 0.6 * (p - middle).normalize_or_zero() + Vec3::Z * 0.3).normalize();
+        let normal =
+            (random.direction() + 0.6 * (p - middle).normalize_or_zero() + Vec3::Z * 0.3).normalize();
         let (u, v) = normal.any_orthonormal_pair();
         let size = random.range_f32(0.05, 0.11) * (6000.0 / leaves as f32).cbrt().clamp(0.5, 3.0);
         // Inner leaves get less of the sky.

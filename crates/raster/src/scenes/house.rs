@@ -212,10 +212,7 @@ impl Facade {
             (Vec2::new(min.x, inner_max.y), max),
             (Vec2::new(min.x, inner_min.y), Vec2::new(inner_min.x, inner_max.y)),
             (Vec2::new(inner_max.x, inner_min.y), Vec2::new(max.x, inner_max.y)),
-            (
-                Vec2::new(middle - 0.5 * BAR, inner_min.y),
-                Vec2::new(middle + 0.5 * BAR, inner_max.y),
-            ),
+            (Vec2::new(middle - 0.5 * BAR, inner_min.y), Vec2::new(middle + 0.5 * BAR, inner_max.y)),
         ];
         for (a, b) in bars {
             self.rectangle(a, b, REVEAL, FRAME, out);
