@@ -130,6 +130,36 @@ impl Image {
     }
 }
 
+/// Writes the buffers of a target as OpenEXR: colour as R, G, B, A, depth as Z (reversed, 1 nearest) and ids as I.
+///
+/// # Errors
+/// [`RasterError::Exr`] when the file cannot be written.
+#[cfg(feature = "exr")]
+pub fn write_exr(target: &Target, path: impl AsRef<Path>) -> Result<(), RasterError> {
+    use exr::prelude::{
+        AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
+    };
+    let outputs = target.outputs();
+    let mut channels = Vec::new();
+    if outputs.colour {
+        for (k, name) in ["R", "G", "B", "A"].into_iter().enumerate() {
+            let values = target.colour_rows().flatten().map(|c| c[k]).collect();
+            channels.push(AnyChannel::new(name, FlatSamples::F32(values)));
+        }
+    }
+    if outputs.depth {
+        let values = target.depth_rows().flatten().copied().collect();
+        channels.push(AnyChannel::new("Z", FlatSamples::F32(values)));
+    }
+    if outputs.id {
+        channels.push(AnyChannel::new("I", FlatSamples::U32(target.ids().collect())));
+    }
+    let size = (target.width() as usize, target.height() as usize);
+    let channels = AnyChannels::sort(channels.into_iter().collect());
+    let layer = Layer::new(size, LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
+    Ok(Image::from_layer(layer).write().to_file(path)?)
+}
+
 /// How two images differ.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {

@@ -44,7 +44,7 @@ impl Rasteriser {
         self.counters.vertices += draw.positions.len() as u64;
         for (i, p) in draw.positions.iter().enumerate() {
             let clip = draw.clip_from_local * p.as_dvec3().extend(1.0);
-            if viewport.outcode(clip) & SIDES != 0 || !(clip.w > 0.0) {
+            if viewport.outcode(clip) & SIDES != 0 || clip.w <= 0.0 {
                 self.counters.outside += 1;
                 continue;
             }

@@ -2,7 +2,7 @@
 
 use crate::draw::{Blend, Draw, Fragment, PixelShader, Rasteriser, State};
 use crate::{RasterError, Target};
-use glam::{DMat4, DVec3, Vec2, Vec3, Vec4};
+use glam::{DMat4, Vec2, Vec3, Vec4};
 
 /// A picture for a quad: linear colour premultiplied by alpha, row by row from the top.
 #[derive(Clone, Debug)]
@@ -129,7 +129,7 @@ impl<const RELIEF: bool> PixelShader for QuadShader<'_, RELIEF> {
         let uv = self.uv(fragment);
         let [a, b, c] = self.draw.corners;
         let point = a + (b - a) * uv.x + (c - a) * uv.y + self.normal * self.draw.image.height_at(uv);
-        let clip = self.draw.clip_from_local * DVec3::from(point.as_dvec3()).extend(1.0);
+        let clip = self.draw.clip_from_local * point.as_dvec3().extend(1.0);
         (clip.z / clip.w) as f32
     }
 }

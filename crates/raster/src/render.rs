@@ -246,16 +246,20 @@ impl<'a> SurfaceShader<'a> {
         albedo
     }
 
-    fn normal(&self, corners: [usize; 3], weights: Vec3, point: Vec3) -> Vec3 {
+    /// Shading normal and face normal, in world axes.
+    fn normals(&self, corners: [usize; 3], weights: Vec3, point: Vec3) -> [Vec3; 2] {
         let smooth = self.mesh.normals().map_or(Vec3::ZERO, |n| {
             n[corners[0]] * weights.x + n[corners[1]] * weights.y + n[corners[2]] * weights.z
         });
         let p = corners.map(|i| self.mesh.positions()[i].as_dvec3());
-        let face = || (p[1] - p[0]).cross(p[2] - p[0]).as_vec3();
-        let local = if smooth == Vec3::ZERO { face() } else { smooth };
-        let normal = (self.normal_matrix * local).normalize_or_zero();
+        let face = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero().as_vec3();
+        let local = if smooth == Vec3::ZERO { face } else { smooth };
+        let [normal, face] = [local, face].map(|n| (self.normal_matrix * n).normalize_or_zero());
+        // Data need not wind its triangles to suit its normals.
+        let face = if face.dot(normal) < 0.0 { -face } else { face };
         // A surface seen from behind is lit from behind.
-        if self.material.two_sided && normal.dot(point) > 0.0 { -normal } else { normal }
+        let behind = self.material.two_sided && face.dot(point) > 0.0;
+        if behind { [-normal, -face] } else { [normal, face] }
     }
 }
 
@@ -280,8 +284,9 @@ impl PixelShader for SurfaceShader<'_> {
         let p = corners.map(|i| self.mesh.positions()[i]);
         let local = p[0] * weights.x + p[1] * weights.y + p[2] * weights.z;
         let point = self.relative.transform_point3(local.as_dvec3()).as_vec3();
-        let normal = self.normal(corners, weights, point);
-        let mut colour = albedo.truncate() * self.lighting.radiance(point, normal) * self.exposure;
+        let [normal, face] = self.normals(corners, weights, point);
+        let light = self.lighting.radiance(point, normal, face);
+        let mut colour = albedo.truncate() * light * self.exposure;
         if let Some((distance, horizon)) = self.haze {
             colour = colour.lerp(horizon, 1.0 - (-point.length() / distance).exp());
         }

@@ -45,15 +45,16 @@ impl<'a> Lighting<'a> {
 
     /// Radiance that leaves a diffuse surface of albedo 1 at `point` (relative to the origin) with unit `normal`.
     ///
+    /// `face` is the unit normal of the flat triangle there: what shadow maps hold, whatever the shading normal pretends.
     /// Area lights are taken as points at their centre.
-    pub fn radiance(&self, point: Vec3, normal: Vec3) -> Vec3 {
+    pub fn radiance(&self, point: Vec3, normal: Vec3, face: Vec3) -> Vec3 {
         let up = 0.5 + 0.5 * normal.dot(self.up);
         let mut sum = self.ambient[1].lerp(self.ambient[0], up);
         for light in &self.lights {
             let (towards, irradiance) = light.arriving(point);
             let cosine = normal.dot(towards);
             if cosine > 0.0 && irradiance != Vec3::ZERO {
-                let lit = light.shadow.map_or(1.0, |s| s.lit_relative(point, normal));
+                let lit = light.shadow.map_or(1.0, |s| s.lit_relative(point, face));
                 sum += irradiance * (cosine * lit * std::f32::consts::FRAC_1_PI);
             }
         }

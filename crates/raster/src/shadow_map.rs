@@ -2,9 +2,10 @@
 
 use crate::draw::{Draw, Rasteriser, State};
 use crate::{Cull, Outputs, RasterError, Target};
-use farsight_geometry::Scene;
 use farsight_geometry::scene::Light;
+use farsight_geometry::{Camera, Scene};
 use glam::{DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
+use std::sync::Arc;
 
 /// How a lookup avoids shadowing the surface by itself, and how it filters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,8 +13,11 @@ use glam::{DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
 pub struct ShadowOptions {
     /// Depth added to the receiver, in the map's depth (0 to 1).
     pub constant_bias: f32,
-    /// How far the lookup is moved along the surface's normal, in texels as large as the map's are at that point, times the
-    /// sine of the angle to the light.
+    /// How far the lookup is moved along the surface's normal: this times `filter_radius + 1`, in texels as large as the map's
+    /// are at that point, times the sine of the angle to the light.
+    ///
+    /// The filter's corner lies √2·(radius + 1) texels away; on a plane tilted by θ its depth differs by tan θ times that, which
+    /// an offset of as much times sin θ along the normal makes up for. The default of 1.5 leaves a little for rounding.
     pub normal_offset: f32,
     /// Percentage-closer filtering over (2n + 1)² texels with bilinear weights; 0 is a single comparison.
     pub filter_radius: u32,
@@ -22,22 +26,24 @@ pub struct ShadowOptions {
 }
 
 impl Default for ShadowOptions {
-    /// A hair of depth bias, two texels along the normal, 3 x 3 filtering.
+    /// A hair of depth bias, 3 x 3 filtering, and an offset that covers the filter's corner.
     fn default() -> Self {
-        Self { constant_bias: 1e-5, normal_offset: 2.0, filter_radius: 1, cull: Cull::None }
+        Self { constant_bias: 1e-5, normal_offset: 1.5, filter_radius: 1, cull: Cull::None }
     }
 }
 
 /// Depth seen from a light.
 #[derive(Clone, Debug)]
 pub struct ShadowMap {
-    target: Target,
+    target: Arc<Target>,
     /// Map clip space from world coordinates relative to `origin`.
     clip_from_relative: DMat4,
     rounded: Mat4,
     origin: DVec3,
     towards_light: Vec3,
     options: ShadowOptions,
+    /// Asked for points outside this map.
+    beyond: Option<Box<ShadowMap>>,
 }
 
 impl ShadowMap {
@@ -56,12 +62,13 @@ impl ShadowMap {
         options: ShadowOptions,
     ) -> Result<Self, RasterError> {
         Ok(Self {
-            target: Target::new(size, size, Outputs::DEPTH)?,
+            target: Arc::new(Target::new(size, size, Outputs::DEPTH)?),
             clip_from_relative: light_clip_from_relative,
             rounded: light_clip_from_relative.as_mat4(),
             origin,
             towards_light: towards_light.as_vec3(),
             options,
+            beyond: None,
         })
     }
 
@@ -84,7 +91,7 @@ impl ShadowMap {
             return Err(RasterError::Option { option: "radius", value: radius, range: "(0, ∞)" });
         }
         let length = direction.length();
-        if !((length - 1.0).abs() < 1e-5) {
+        if length.is_nan() || (length - 1.0).abs() > 1e-5 {
             return Err(RasterError::Option { option: "direction", value: length, range: "unit length" });
         }
         let (right, up) = direction.any_orthonormal_pair();
@@ -133,6 +140,36 @@ impl ShadowMap {
         Ok(maps)
     }
 
+    /// As [`for_scene`](Self::for_scene), with a second map of the same size for what is within `distance` of the eye.
+    ///
+    /// # Errors
+    /// As [`directional`](Self::directional).
+    pub fn for_view(
+        rasteriser: &mut Rasteriser,
+        scene: &Scene,
+        camera: &Camera,
+        distance: f64,
+        size: u32,
+        options: ShadowOptions,
+    ) -> Result<Vec<Self>, RasterError> {
+        let center = camera.eye() + camera.forward() * (0.5 * distance);
+        let mut maps = Self::for_scene(rasteriser, scene, size, options)?;
+        for map in &mut maps {
+            let direction = -map.towards_light.as_dvec3().normalize();
+            let radius = 0.55 * distance;
+            let near = Self::directional(rasteriser, scene, direction, center, radius, size, options)?;
+            let far = std::mem::replace(map, near);
+            map.beyond = Some(Box::new(far));
+        }
+        Ok(maps)
+    }
+
+    /// The map with another one that is asked for points outside of this one, as cascades do.
+    #[must_use]
+    pub fn with_beyond(self, beyond: Self) -> Self {
+        Self { beyond: Some(Box::new(beyond.relative_to(self.origin))), ..self }
+    }
+
     /// Draws casters: triangles with a matrix from their coordinates to those relative to the map's origin.
     pub fn draw(
         &mut self,
@@ -143,12 +180,20 @@ impl ShadowMap {
     ) {
         let state = State { cull: self.options.cull, depth_clamp: true, ..State::default() };
         let clip_from_local = self.clip_from_relative * relative_from_local;
-        rasteriser.draw(&mut self.target, &Draw { positions, triangles, clip_from_local, state });
+        rasteriser
+            .draw(Arc::make_mut(&mut self.target), &Draw { positions, triangles, clip_from_local, state });
     }
 
     /// Draws all instances of a scene as casters.
     pub fn draw_scene(&mut self, rasteriser: &mut Rasteriser, scene: &Scene) {
-        for instance in scene.instances() {
+        let frustum = farsight_geometry::Frustum::from_matrix(&self.clip_from_relative, self.origin, 0.0);
+        let sides = &frustum.planes()[..frustum.planes().len().min(4)];
+        for (instance, bounds) in scene.instances().iter().zip(scene.instance_bounds()) {
+            // Only the four side planes count: depth is clamped, so casters before the map's volume still cast.
+            let (center, half) = (bounds.center() - self.origin, 0.5 * bounds.extent());
+            if sides.iter().any(|p| p.distance(center) < -1.001 * p.normal.abs().dot(half) - 1e-3) {
+                continue;
+            }
             let mesh = scene.mesh_of(instance);
             let relative = crate::render::relative_from_mesh(instance, mesh, self.origin);
             self.draw(rasteriser, mesh.positions(), mesh.triangles(), DMat4::from(relative));
@@ -169,26 +214,32 @@ impl ShadowMap {
     #[must_use]
     pub fn relative_to(&self, origin: DVec3) -> Self {
         let clip_from_relative = self.clip_from_relative * DMat4::from_translation(origin - self.origin);
-        Self { clip_from_relative, rounded: clip_from_relative.as_mat4(), origin, ..self.clone() }
+        let beyond = self.beyond.as_ref().map(|b| Box::new(b.relative_to(origin)));
+        Self { clip_from_relative, rounded: clip_from_relative.as_mat4(), origin, beyond, ..self.clone() }
     }
 
     /// Share of the light that reaches a point (relative to the origin), from 0 to 1. Outside the map everything is lit.
     pub fn lit_relative(&self, point: Vec3, normal: Vec3) -> f32 {
         let cosine = normal.dot(self.towards_light).clamp(0.0, 1.0);
         let sine = (1.0 - cosine * cosine).sqrt();
-        let moved = point + normal * (self.options.normal_offset * sine * self.texel_at(point));
+        let moved = point + normal * (self.offset_texels() * sine * self.texel_at(point));
         let clip: Vec4 = self.rounded * moved.extend(1.0);
+        let outside = || self.beyond.as_ref().map_or(1.0, |b| b.lit_relative(point, normal));
         if clip.w <= 0.0 {
-            return 1.0;
+            return outside();
         }
         let size = self.target.width() as f32;
         let x = (0.5 + 0.5 * clip.x / clip.w) * size;
         let y = (0.5 - 0.5 * clip.y / clip.w) * size;
         let depth = clip.z / clip.w + self.options.constant_bias;
         if !(x >= 0.0 && x < size && y >= 0.0 && y < size && depth > 0.0) {
-            return 1.0;
+            return outside();
         }
         self.filtered(x, y, depth)
+    }
+
+    fn offset_texels(&self) -> f32 {
+        self.options.normal_offset * (self.options.filter_radius + 1) as f32
     }
 
     /// The larger side of the texel at a point, in world units: the distance over which a map coordinate grows by one.
@@ -228,6 +279,7 @@ impl ShadowMap {
             }
         }
         let side = (2 * radius + 1) as f32;
-        sum / (side * side)
+        // Rounded weights may add up to a little more than all.
+        (sum / (side * side)).min(1.0)
     }
 }

@@ -14,7 +14,7 @@ pub fn fifo_cache_misses(triangles: &[[u32; 3]], size: usize) -> u64 {
     let mut misses = 0;
     for &v in triangles.iter().flatten() {
         let at = &mut loaded[v as usize];
-        if *at == NEVER || misses - *at >= size as u64 {
+        if *at == NEVER || misses - *at > size as u64 {
             *at = misses;
             misses += 1;
         }

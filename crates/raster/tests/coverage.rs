@@ -1,6 +1,8 @@
 //! Which pixels a triangle covers.
 
-use farsight_raster::{Blend, Cull, DepthTest, Draw, Fragment, Ids, Outputs, Random, Rasteriser, State, Target};
+use farsight_raster::{
+    Blend, Cull, DepthTest, Draw, Fragment, Ids, Outputs, Random, Rasteriser, State, Target,
+};
 use glam::{DMat4, DVec3, DVec4, Vec3, Vec4};
 
 /// Clip space from pixels (y down), depth and w = 1.
@@ -35,8 +37,7 @@ fn counts(target: &Target) -> Vec<f32> {
 fn covers(corners: [Vec3; 3], x: i64, y: i64) -> bool {
     let snap = |v: f32| (f64::from(v) * 256.0 + 0.5).floor() as i64;
     let mut p = corners.map(|c| [snap(c.x), snap(c.y)]);
-    let twice_area =
-        (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
+    let twice_area = (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
     if twice_area == 0 {
         return false;
     }
@@ -82,12 +83,12 @@ fn random_triangles_of_all_sizes_cover_what_the_definition_says() {
 #[test]
 fn every_pixel_of_a_grid_is_covered_exactly_once() {
     let mut random = Random::new(3);
-    for (size, jitter) in [(3.0f32, 1.2f32), (1.0, 0.4), (0.37, 0.1), (16.0, 7.0), (4.0, 0.0)] {
+    for (size, jitter) in [(3.0f32, 0.7f32), (1.0, 0.24), (0.37, 0.09), (16.0, 3.9), (4.0, 0.0)] {
         let n = (72.0 / size) as u32 + 2;
         let positions: Vec<Vec3> = (0..(n + 1) * (n + 1))
             .map(|i| {
                 let (x, y) = ((i % (n + 1)) as f32, (i / (n + 1)) as f32);
-                // The border stays outside the image.
+                // The border stays outside the image; less than a quarter of a cell keeps every triangle upright.
                 let j = |random: &mut Random| random.range_f32(-jitter, jitter);
                 Vec3::new((x - 0.9) * size + j(&mut random), (y - 0.9) * size + j(&mut random), 0.5)
             })
@@ -98,7 +99,11 @@ fn every_pixel_of_a_grid_is_covered_exactly_once() {
                 let a = y * (n + 1) + x;
                 let (b, c, d) = (a + 1, a + n + 2, a + n + 1);
                 // Alternating diagonals and both orientations.
-                triangles.extend(if (x + y) % 2 == 0 { [[a, b, c], [a, d, c]] } else { [[a, b, d], [d, b, c]] });
+                triangles.extend(if (x + y) % 2 == 0 {
+                    [[a, b, c], [a, d, c]]
+                } else {
+                    [[a, b, d], [d, b, c]]
+                });
             }
         }
         let (target, _) = coverage(64, 64, &positions, &triangles);
@@ -118,8 +123,7 @@ fn every_pixel_of_a_fan_is_covered_exactly_once() {
                 // Far outside, in part beyond the guard band, so that clipped triangles share edges too.
                 positions.push(center + Vec3::new(cos, sin, 0.0) * random.range_f32(300.0, 90_000.0));
             }
-            let triangles: Vec<[u32; 3]> =
-                (0..spokes).map(|i| [0, 1 + i, 1 + (i + 1) % spokes]).collect();
+            let triangles: Vec<[u32; 3]> = (0..spokes).map(|i| [0, 1 + i, 1 + (i + 1) % spokes]).collect();
             let (target, rasteriser) = coverage(64, 64, &positions, &triangles);
             let wrong = counts(&target).iter().filter(|&&c| c != 1.0).count();
             assert_eq!(wrong, 0, "{spokes} spokes at {center}");
@@ -130,11 +134,14 @@ fn every_pixel_of_a_fan_is_covered_exactly_once() {
 
 #[test]
 fn a_plane_that_passes_under_the_eye_has_no_cracks() {
+    // Below the near distance, so that the ground comes closer than the near plane.
+    const HEIGHT: f64 = 0.06;
     // Ground triangles around the eye, many of them crossing the near plane and the plane of the eye.
-    let camera = farsight_geometry::Camera::look_at(DVec3::new(0.3, 0.2, 1.7), DVec3::new(5.0, 3.0, 0.5), DVec3::Z)
-        .unwrap()
-        .with_image(160, 120)
-        .unwrap();
+    let camera =
+        farsight_geometry::Camera::look_at(DVec3::new(0.3, 0.2, HEIGHT), DVec3::new(5.0, 3.0, 0.0), DVec3::Z)
+            .unwrap()
+            .with_image(160, 120)
+            .unwrap();
     let n = 24u32;
     let mut random = Random::new(9);
     let positions: Vec<Vec3> = (0..(n + 1) * (n + 1))
@@ -156,12 +163,12 @@ fn a_plane_that_passes_under_the_eye_has_no_cracks() {
         camera.clip_from_relative_f64(farsight_geometry::ClipConvention::REVERSED, DVec3::ZERO);
     let draw = Draw { positions: &positions, triangles: &triangles, clip_from_local, state };
     rasteriser.draw_shaded(&mut target, &draw, &|_: &Fragment| Some(Vec4::X));
-    assert!(rasteriser.counters.clipped > 20);
+    assert!(rasteriser.counters.clipped > 3);
     let mut ground = 0;
     for y in 0..120 {
         for x in 0..160 {
             let ray = camera.ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
-            let t = -1.7 / ray.direction().z;
+            let t = -HEIGHT / ray.direction().z;
             let hit = ray.at(t);
             // Well inside the patch; its rim is ragged.
             let inside = t > 0.0 && hit.x.abs().max(hit.y.abs()) < 300.0;
@@ -216,7 +223,8 @@ fn hard_triangles_neither_panic_nor_leak_outside() {
                 let mut target = Target::new(10, 10, Outputs::ALL).unwrap();
                 let mut state = State::default();
                 state.depth_clamp = clamp;
-                let draw = Draw { positions: corners, triangles: &[[0, 1, 2]], clip_from_local: matrix, state };
+                let draw =
+                    Draw { positions: corners, triangles: &[[0, 1, 2]], clip_from_local: matrix, state };
                 let mut rasteriser = Rasteriser::new();
                 rasteriser.draw_shaded(&mut target, &draw, &|f: &Fragment| {
                     let w = f.weights();
@@ -256,7 +264,13 @@ fn what_is_off_screen_costs_no_pixels() {
 fn counters_and_ids_agree_with_the_buffers() {
     let mut random = Random::new(21);
     let positions: Vec<Vec3> = (0..600)
-        .map(|_| Vec3::new(random.range_f32(-20.0, 84.0), random.range_f32(-20.0, 84.0), random.range_f32(0.0, 1.0)))
+        .map(|_| {
+            Vec3::new(
+                random.range_f32(-20.0, 84.0),
+                random.range_f32(-20.0, 84.0),
+                random.range_f32(0.0, 1.0),
+            )
+        })
         .collect();
     let triangles: Vec<[u32; 3]> = (0..200).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     let mut state = State::default();

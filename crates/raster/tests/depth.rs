@@ -21,7 +21,7 @@ fn brute_force(scene: &Scene, ray: &Ray) -> Option<(f64, u32, f64)> {
             let [a, b, c] = corners.map(|p| placed.transform_point3(p.as_dvec3()));
             let normal = (b - a).cross(c - a);
             let t = a.dot(normal) / ray.direction().dot(normal);
-            if !(t > 0.0) || best.is_some_and(|(s, ..)| t >= s) {
+            if t.is_nan() || t <= 0.0 || best.is_some_and(|(s, ..)| t >= s) {
                 continue;
             }
             let p = ray.direction() * t;
@@ -99,7 +99,7 @@ fn every_pixel_agrees_with_a_ray() {
             .unwrap(),
     ] {
         let (hits, differ) = compare(&scene, &camera);
-        assert!(hits > 1000, "{hits}");
+        assert!(hits > 200, "{hits}");
         // Snapping to 1/256 px moves an edge across a pixel's centre in about one of a hundred border pixels.
         assert!(f64::from(differ) <= 0.005 * f64::from(hits), "{differ} of {hits}");
     }
@@ -117,7 +117,8 @@ fn an_offset_of_a_million_metres_changes_next_to_nothing() {
         let world_from_mesh = DAffine3::from_translation(offset)
             * instance.world_from_mesh
             * DAffine3::from_translation(-offset);
-        let instance = farsight_geometry::scene::Instance { mesh, world_from_mesh, ..instance.clone() };
+        let instance =
+            farsight_geometry::scene::Instance { mesh, world_from_mesh, material: None, ..instance.clone() };
         far.add_instance(instance).unwrap();
     }
     let at = |offset: DVec3| {
@@ -127,7 +128,7 @@ fn an_offset_of_a_million_metres_changes_next_to_nothing() {
             .unwrap()
     };
     let (hits, differ) = compare(&far, &at(offset));
-    assert!(hits > 1000 && f64::from(differ) <= 0.005 * f64::from(hits), "{differ} of {hits}");
+    assert!(hits > 200 && f64::from(differ) <= 0.005 * f64::from(hits), "{differ} of {hits}");
 }
 
 fn ground() -> TriangleMesh {
@@ -181,7 +182,10 @@ fn a_plane_under_the_eye_has_its_closed_form_depth_and_attributes() {
             for (gradient, step) in [(dx, DVec2::new(h, 0.0)), (dy, DVec2::new(0.0, h))] {
                 let p = pixel_centre(x, y);
                 let slope = (on_ground(p + step) - on_ground(p - step)) / (2.0 * h);
-                assert!(gradient.as_dvec3().distance(slope) < 1e-3 * slope.length() + 1e-4, "{gradient} {slope}");
+                assert!(
+                    gradient.as_dvec3().distance(slope) < 1e-3 * slope.length() + 1e-4,
+                    "{gradient} {slope}"
+                );
             }
         }
         assert!(seen.borrow().len() > 3000);

@@ -24,6 +24,14 @@ impl Builder {
         self.positions.len() as u32 - 1
     }
 
+    pub(crate) fn vertices(&self) -> u32 {
+        self.positions.len() as u32
+    }
+
+    pub(crate) fn triangle(&mut self, corners: [u32; 3]) {
+        self.triangles.push(corners);
+    }
+
     /// A flat convex polygon, counter-clockwise seen from its front.
     pub(crate) fn polygon(&mut self, corners: &[Vec3], colour: Rgb) {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();

@@ -43,7 +43,12 @@ impl StreetCanyon {
         let roof = self.roof_columns_per_metre;
         check("length", self.length, "20..=10000", (20.0..=10_000.0).contains(&self.length))?;
         check("width", self.width, "4..=60", (4.0..=60.0).contains(&self.width))?;
-        check("floors", fewest.into(), "1 <= fewest <= most <= 40", 1 <= fewest && fewest <= most && most <= 40)?;
+        check(
+            "floors",
+            fewest.into(),
+            "1 <= fewest <= most <= 40",
+            1 <= fewest && fewest <= most && most <= 40,
+        )?;
         check("roof_columns_per_metre", roof.into(), "0.5..=100", (0.5..=100.0).contains(&roof))?;
         let mut scene = Scene::new();
         let material = Some(scene.add_material(Material {
@@ -72,8 +77,11 @@ impl StreetCanyon {
                 let at = if side > 0.0 {
                     DAffine3::from_translation(DVec3::new(x, 0.5 * self.width, 0.12))
                 } else {
-                    DAffine3::from_translation(DVec3::new(x + f64::from(house.width), -0.5 * self.width, 0.12))
-                        * DAffine3::from_rotation_z(std::f64::consts::PI)
+                    DAffine3::from_translation(DVec3::new(
+                        x + f64::from(house.width),
+                        -0.5 * self.width,
+                        0.12,
+                    )) * DAffine3::from_rotation_z(std::f64::consts::PI)
                 };
                 let name = format!("house {x:.0} {}", if side > 0.0 { "north" } else { "south" });
                 scene.add_instance(Instance { name, mesh, world_from_mesh: at, material })?;
@@ -84,7 +92,12 @@ impl StreetCanyon {
         for piece in 0..pieces {
             let mesh = scene.add_mesh(self.ground(&mut random.fork(u64::from(piece)))?);
             let at = DAffine3::from_translation(DVec3::new(12.0 * f64::from(piece), 0.0, 0.0));
-            scene.add_instance(Instance { name: format!("ground {piece}"), mesh, world_from_mesh: at, material })?;
+            scene.add_instance(Instance {
+                name: format!("ground {piece}"),
+                mesh,
+                world_from_mesh: at,
+                material,
+            })?;
         }
         scene.add_light(super::city::sun())?;
         Ok(scene)

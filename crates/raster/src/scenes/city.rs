@@ -296,7 +296,7 @@ fn ground(
     for y in 0..depth {
         for x in 0..width {
             let inside = block && x >= STREET && y >= STREET;
-            let edge = |t: u32| t < STREET + 10 || t >= PITCH - 10;
+            let edge = |t: u32| !(STREET + 10..PITCH - 10).contains(&t);
             let colour = if is_road(x, y) {
                 let stripe = x == STREET / 2 && y % 4 < 2 && y >= STREET
                     || y == STREET / 2 && x % 4 < 2 && x >= STREET;

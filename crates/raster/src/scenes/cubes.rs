@@ -51,7 +51,7 @@ impl Cubes {
             .map(|i| {
                 let phase = |k: f32| {
                     let t = std::f32::consts::TAU * (i as f32 / COLOURS as f32 + k / 3.0);
-                    0.42 + 0.3 * t.cos()
+                    0.36 + 0.16 * t.cos()
                 };
                 scene.add_material(Material {
                     name: format!("cube {i}"),

@@ -124,12 +124,14 @@ fn leafy_tree(leaves: u32, random: &mut Random, out: &mut Builder) {
     for &(end, _) in &clusters {
         limb(Vec3::Z * (end.z * 0.72), end, 0.006 * height, out);
     }
-    let green = [random.range_f32(70.0, 108.0) as u8, random.range_f32(104.0, 132.0) as u8, 44];
+    let red = random.range_f32(78.0, 112.0);
+    let green = [red as u8, (red + random.range_f32(14.0, 30.0)) as u8, (0.55 * red) as u8];
     let middle = Vec3::Z * (0.62 * height);
     for _ in 0..leaves {
         let (center, radius) = clusters[random.below(clusters.len())];
         let p = center + random.direction() * (radius * random.unit().cbrt() as f32);
-        let normal = (random.direction() + 0.6 * (p - middle).normalize_or_zero() + Vec3::Z * 0.3).normalize();
+        let normal =
+            (random.direction() + 0.6 * (p - middle).normalize_or_zero() + Vec3::Z * 0.3).normalize();
         let (u, v) = normal.any_orthonormal_pair();
         let size = random.range_f32(0.05, 0.11) * (6000.0 / leaves as f32).cbrt().clamp(0.5, 3.0);
         // Inner leaves get less of the sky.

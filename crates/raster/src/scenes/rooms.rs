@@ -65,8 +65,12 @@ impl Rooms {
             let mesh = scene.add_mesh(builder.build()?);
             let world_from_mesh = DAffine3::IDENTITY;
             if scene.materials().is_empty() {
-                let material =
-                    Material { name: "room".into(), base_colour: [1.0; 4], two_sided: false, ..Material::default() };
+                let material = Material {
+                    name: "room".into(),
+                    base_colour: [1.0; 4],
+                    two_sided: false,
+                    ..Material::default()
+                };
                 scene.add_material(material)?;
             }
             let material = Some(farsight_geometry::scene::MaterialId(0));
@@ -88,8 +92,7 @@ impl Rooms {
                 let inner = CELL - WALL;
                 if x < nx {
                     let outer = y == 0 || y == ny;
-                    let opening =
-                        if outer { Opening::Window } else { vertical[(y * nx + x) as usize] };
+                    let opening = if outer { Opening::Window } else { vertical[(y * nx + x) as usize] };
                     let start = corner + Vec3::X * (0.5 * WALL);
                     let mut out = Builder::default();
                     wall(start, Vec3::X, inner, opening, paint(&mut random), &mut out);
@@ -109,7 +112,10 @@ impl Rooms {
         for y in 0..ny {
             for x in 0..nx {
                 let corner = Vec3::new(x as f32, y as f32, 0.0) * CELL;
-                add(format!("room {x} {y}"), floor_and_ceiling(corner, &mut random.fork(u64::from(y * nx + x))))?;
+                add(
+                    format!("room {x} {y}"),
+                    floor_and_ceiling(corner, &mut random.fork(u64::from(y * nx + x))),
+                )?;
                 if self.furniture {
                     let mut random = random.fork(1 << 32 | u64::from(y * nx + x));
                     for (n, piece) in furnish(corner, &mut random).into_iter().enumerate() {

@@ -173,8 +173,14 @@ impl StreetPoints {
             // Rays that pass the frame's edge hit the reveal, at about the same distance.
             return Some((t, if window(inner) { [58, 68, 78] } else { [190, 180, 165] }));
         }
-        const WALLS: [[u8; 3]; 6] =
-            [[214, 190, 150], [186, 110, 86], [226, 216, 198], [198, 168, 128], [170, 176, 172], [222, 194, 128]];
+        const WALLS: [[u8; 3]; 6] = [
+            [214, 190, 150],
+            [186, 110, 86],
+            [226, 216, 198],
+            [198, 168, 128],
+            [170, 176, 172],
+            [222, 194, 128],
+        ];
         Some((t, WALLS[(h >> 8) as usize % WALLS.len()]))
     }
 
@@ -182,11 +188,12 @@ impl StreetPoints {
     fn car(&self, eye: DVec3, d: DVec3, n: i64) -> Option<(f64, [u8; 3])> {
         let h = self.hash(3, n);
         let x = n as f64 * CAR_SPACING;
-        if h % 3 == 0 || x < 0.0 || x + 4.4 > self.length {
+        if h.is_multiple_of(3) || x < 0.0 || x + 4.4 > self.length {
             return None;
         }
         let y = if h & 16 == 0 { 3.0 } else { -4.8 };
-        const PAINTS: [[u8; 3]; 5] = [[40, 44, 52], [176, 178, 182], [150, 36, 34], [42, 72, 128], [228, 228, 226]];
+        const PAINTS: [[u8; 3]; 5] =
+            [[40, 44, 52], [176, 178, 182], [150, 36, 34], [42, 72, 128], [228, 228, 226]];
         let paint = PAINTS[(h >> 8) as usize % PAINTS.len()];
         let body = slab(eye, d, DVec3::new(x, y, 0.35), DVec3::new(x + 4.2, y + 1.75, 0.95));
         let cabin = slab(eye, d, DVec3::new(x + 0.9, y + 0.15, 0.95), DVec3::new(x + 3.4, y + 1.6, 1.45));

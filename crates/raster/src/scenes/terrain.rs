@@ -44,7 +44,7 @@ impl Terrain {
             let n = noise(p * frequency, self.seed.wrapping_add(octave));
             let ridge = (1.0 - n.abs()).powi(2);
             sum += ridge * amplitude * weight;
-            weight = (ridge * 1.4).clamp(0.0, 1.0) * weight;
+            weight *= (ridge * 1.4).clamp(0.0, 1.0);
             amplitude *= 0.46;
             frequency *= 2.03;
         }
@@ -108,7 +108,9 @@ impl Terrain {
                     let jitter = random.range(-0.46, 0.46);
                     if k == 0 || k == n - 1 { f64::from(k) } else { f64::from(k) + jitter }
                 };
-                points.push((DVec2::new(along(i), along(j)) * step).clamp(DVec2::ZERO, DVec2::splat(self.side)));
+                points.push(
+                    (DVec2::new(along(i), along(j)) * step).clamp(DVec2::ZERO, DVec2::splat(self.side)),
+                );
             }
         }
         points

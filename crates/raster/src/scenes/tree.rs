@@ -22,12 +22,22 @@ pub(crate) fn round_tree(random: &mut Random, out: &mut Builder) {
         let (rho, z) = (std::f32::consts::PI * (j as f32 / rows as f32 - 0.5)).sin_cos();
         Vec3::new(z * cos, z * sin, rho)
     };
-    out.patch(columns, rows, |i, j| {
-        let d = direction(i, j);
+    let vertex = |d: Vec3| {
         let p = center + d * radius(d) * Vec3::new(1.0, 1.0, 1.15);
         // The gradient of the radius is left out: a soft normal looks more like leaves than the surface's own.
         (p, d, shaded(green, 0.75 + 0.25 * (d.z + 1.0) * 0.5 + 0.4 * (radius(d) - 1.55)))
-    });
+    };
+    let first = out.vertices();
+    out.patch(columns, rows - 2, |i, j| vertex(direction(i, j + 1)));
+    for pole in [Vec3::NEG_Z, Vec3::Z] {
+        let (p, normal, colour) = vertex(pole);
+        let tip = out.vertex(p, normal, colour);
+        let ring = if pole.z < 0.0 { first } else { first + (rows - 2) * (columns + 1) };
+        for i in 0..columns {
+            let (a, b) = (ring + i, ring + i + 1);
+            out.triangle(if pole.z < 0.0 { [tip, b, a] } else { [a, b, tip] });
+        }
+    }
 }
 
 /// A trunk from the ground to `height`.
