@@ -541,3 +541,46 @@ impl<S: Simd> DrawSink<S> for Count<'_> {
     #[inline(always)]
     fn begin(&mut self, _: u32, _: Ids, _: impl Fn() -> [DVec3; 3]) {}
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenes::City;
+    use crate::{Outputs, relative_from_mesh};
+
+    /// Depth bits, ids and colours of a small town at a level.
+    fn image(level: Level) -> (Vec<u32>, Vec<u32>, Vec<[u32; 4]>) {
+        let city = City::small();
+        let scene = city.build().unwrap();
+        let camera = crate::scenes::Path::street_walk(&city).camera(1, 4).unwrap();
+        let camera = camera.with_image(203, 117).unwrap();
+        let mut rasteriser = Rasteriser { level, ..Rasteriser::new() };
+        let mut target = Target::new(203, 117, Outputs::ALL).unwrap();
+        let clip = camera.clip_from_relative_f64(farsight_geometry::ClipConvention::REVERSED, camera.eye());
+        for (i, instance) in scene.instances().iter().enumerate() {
+            let mesh = scene.mesh_of(instance);
+            let relative = relative_from_mesh(instance, mesh, camera.eye());
+            let draw = Draw {
+                positions: mesh.positions(),
+                triangles: mesh.triangles(),
+                clip_from_local: clip * DMat4::from(relative),
+                state: State { ids: Ids::Constant(i as u32 + 1), ..State::default() },
+            };
+            if i % 2 == 0 {
+                rasteriser.draw(&mut target, &draw);
+            } else {
+                rasteriser.draw_shaded(&mut target, &draw, &|f: &Fragment| Some(f.weights().extend(1.0)));
+            }
+        }
+        let depth = target.depth_rows().flatten().map(|d| d.to_bits()).collect();
+        let colour = target.colour_rows().flatten().map(|c| c.map(f32::to_bits)).collect();
+        (depth, target.ids().collect(), colour)
+    }
+
+    #[test]
+    fn every_instruction_set_draws_the_same_bytes() {
+        let best = image(Level::new());
+        assert!(best.1.iter().filter(|&&id| id != 0).count() > 5000);
+        assert!(best == image(Level::baseline()));
+    }
+}

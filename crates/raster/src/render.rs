@@ -264,7 +264,7 @@ impl<'a> SurfaceShader<'a> {
 }
 
 fn linear_colour([r, g, b, a]: [u8; 4]) -> Vec4 {
-    // Interpolation works on linear values; the table is a compile-time constant of nothing but the standard's curve.
+    // Decoding a byte takes a power; 256 of them are kept.
     static TABLE: std::sync::LazyLock<[f32; 256]> =
         std::sync::LazyLock::new(|| std::array::from_fn(|i| crate::linear_of(i as u8)));
     let t = &*TABLE;

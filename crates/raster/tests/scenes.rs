@@ -234,3 +234,9 @@ fn paths_stay_outside_the_houses_and_end_where_they_should() {
     assert_eq!(path.at(1.0).0, DVec3::Y);
     assert_eq!(path.camera(7, 1).unwrap().eye(), DVec3::ZERO);
 }
+
+#[test]
+fn the_small_city_is_small() {
+    let triangles = City::small().build().unwrap().placed_triangles();
+    assert!((90_000..105_000).contains(&triangles), "{triangles}");
+}

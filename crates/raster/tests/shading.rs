@@ -305,3 +305,45 @@ fn exr_files_hold_every_buffer() {
         }
     }
 }
+
+#[test]
+fn alpha_makes_holes_and_blends() {
+    use farsight_geometry::scene::{AlphaMode, Material};
+    let camera = Camera::look_at(DVec3::Z * 10.0, DVec3::ZERO, DVec3::Y).unwrap().with_image(32, 32).unwrap();
+    // The left half of the texture is solid, the right half has alpha 64 / 255.
+    let texels = (0..64).map(|i| [255, 255, 255, if i % 8 < 4 { 255 } else { 64 }]).collect();
+    let shown = |alpha: AlphaMode| {
+        let mut scene = Scene::new();
+        add(&mut scene, quad(Vec3::new(-50.0, -50.0, -1.0), Vec3::X * 100.0, Vec3::Y * 100.0));
+        let texture = Some(scene.add_texture(Texture::new(8, 8, Vec::clone(&texels)).unwrap()));
+        let base_colour = [1.0, 0.0, 0.0, 1.0];
+        let material = Material { texture, alpha, base_colour, ..Material::default() };
+        let material = Some(scene.add_material(material).unwrap());
+        let uvs = [(0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 0.0)].map(|(u, v)| Vec2::new(u, v));
+        let front = quad(Vec3::new(-8.0, -8.0, 0.0), Vec3::X * 16.0, Vec3::Y * 16.0);
+        let mesh = scene.add_mesh(front.with_uvs(uvs.to_vec()).unwrap());
+        let world_from_mesh = DAffine3::IDENTITY;
+        scene.add_instance(Instance { name: String::new(), mesh, world_from_mesh, material }).unwrap();
+        let mut options = RenderOptions::default();
+        options.ambient = [Vec3::ONE; 2];
+        options.haze = None;
+        let (target, _) = render_scene(&mut Rasteriser::new(), &scene, &camera, &options).unwrap();
+        [target.colour(8, 16), target.colour(24, 16)].map(|c| [c[0], c[1]])
+    };
+    let a = 64.0 / 255.0;
+    let near = |got: [f32; 2], expected: [f32; 2]| {
+        assert!(
+            (got[0] - expected[0]).abs() < 1e-4 && (got[1] - expected[1]).abs() < 1e-4,
+            "{got:?} {expected:?}"
+        );
+    };
+    let [left, right] = shown(AlphaMode::Opaque);
+    near(left, [1.0, 0.0]);
+    near(right, [1.0, 0.0]);
+    let [left, right] = shown(AlphaMode::Mask { cutoff: 0.5 });
+    near(left, [1.0, 0.0]);
+    near(right, [0.75, 0.75]);
+    let [left, right] = shown(AlphaMode::Blend);
+    near(left, [1.0, 0.0]);
+    near(right, [a + 0.75 * (1.0 - a), 0.75 * (1.0 - a)]);
+}

@@ -48,7 +48,7 @@ impl Default for City {
 type Placed = (MeshId, DAffine3, String);
 
 impl City {
-    /// A town of few blocks with plain roofs, for tests: about 20,000 triangles.
+    /// A town of few blocks with plain roofs, for tests: about 98,000 triangles.
     pub fn small() -> Self {
         Self { blocks: 2, roof_columns_per_metre: 2.0, ..Self::default() }
     }
