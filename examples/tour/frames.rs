@@ -1,8 +1,9 @@
 //! One frame: shadow map where the sun can be seen to matter, then the picture.
 
+use farsight_geometry::bvh::{Bvh, BvhError};
 use farsight_geometry::glam::DMat4;
 use farsight_geometry::scene::Light;
-use farsight_geometry::{Camera, Containment, DAabb, Frustum, Scene};
+use farsight_geometry::{Camera, DAabb, Frustum, Scene};
 use farsight_raster::{
     Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, Target, mip_maps,
     relative_from_mesh, render_scene,
@@ -31,6 +32,9 @@ pub struct ShadowReport {
 pub struct Renderer<'a> {
     scene: &'a Scene,
     bounds: Vec<DAabb>,
+    hierarchy: Bvh,
+    receivers: Vec<DAabb>,
+    casters: Vec<u32>,
     textures: Vec<MipMap>,
     rasteriser: Rasteriser,
     focus: Focus,
@@ -41,17 +45,21 @@ pub struct Renderer<'a> {
 
 impl<'a> Renderer<'a> {
     /// Prepares a scene; `options` must not name shadows or textures.
-    pub fn new(scene: &'a Scene, options: RenderOptions<'a>, map_side: u32) -> Self {
-        Self {
+    pub fn new(scene: &'a Scene, options: RenderOptions<'a>, map_side: u32) -> Result<Self, BvhError> {
+        let bounds = scene.instance_bounds();
+        Ok(Self {
             scene,
-            bounds: scene.instance_bounds(),
+            hierarchy: Bvh::build(&bounds)?,
+            receivers: Vec::new(),
+            casters: Vec::new(),
+            bounds,
             textures: mip_maps(scene),
             rasteriser: Rasteriser::new(),
             focus: Focus::new(),
             warped: false,
             options,
             map_side,
-        }
+        })
     }
 
     /// Draws a frame.
@@ -88,13 +96,13 @@ impl<'a> Renderer<'a> {
         let farthest =
             scene_box.corners().iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max);
         let seen = Frustum::from_camera(camera);
-        let receivers: Vec<DAabb> =
-            self.bounds.iter().copied().filter(|b| seen.classify(b) != Containment::Outside).collect();
+        self.receivers.clear();
+        self.hierarchy.frustum(&seen, |object, _| self.receivers.push(self.bounds[object as usize]));
         let skip = self.focus.directional(
             camera,
             farthest * 1.001,
             direction,
-            &receivers,
+            &self.receivers,
             &[scene_box],
             self.map_side,
         )?;
@@ -111,16 +119,14 @@ impl<'a> Renderer<'a> {
             ShadowOptions::default(),
         )?;
         let lit = Frustum::from_matrix(&view.clip_from_relative, view.origin, 0.0);
-        let mut casters_drawn = 0;
-        for (instance, b) in self.scene.instances().iter().zip(&self.bounds) {
-            if lit.classify(b) == Containment::Outside {
-                continue;
-            }
-            casters_drawn += 1;
+        self.casters.clear();
+        self.hierarchy.frustum(&lit, |object, _| self.casters.push(object));
+        for &object in &self.casters {
+            let instance = &self.scene.instances()[object as usize];
             let mesh = self.scene.mesh_of(instance);
             let relative = DMat4::from(relative_from_mesh(instance, mesh, view.origin));
             map.draw(&mut self.rasteriser, mesh.positions(), mesh.triangles(), relative);
         }
-        Ok(Some(Ok((ShadowReport { view, casters_drawn, time: start.elapsed() }, map))))
+        Ok(Some(Ok((ShadowReport { view, casters_drawn: self.casters.len(), time: start.elapsed() }, map))))
     }
 }

@@ -1,10 +1,10 @@
 //! What the tour goes through: files, or a generated town.
 
 use crate::walk::{Up, Walk};
-use farsight_geometry::glam::DVec3;
-use farsight_geometry::glam::Vec3;
+use farsight_geometry::glam::{DVec3, Vec3};
 use farsight_geometry::io::{self, Content};
-use farsight_geometry::scene::{Instance, Light, Material, MaterialId, MeshId, TextureId};
+use farsight_geometry::ray::SceneCaster;
+use farsight_geometry::scene::Light;
 use farsight_geometry::{MeshReport, Scene};
 use farsight_raster::scenes::City;
 use std::error::Error;
@@ -40,13 +40,12 @@ pub fn load(paths: &[PathBuf], up: Up) -> Result<Input, Box<dyn Error>> {
         let loaded = io::load(path)?;
         warnings.extend(loaded.warnings.iter().map(|w| format!("{}: {w}", path.display())));
         match loaded.content {
-            Content::Scene(part) => append(&mut scene, part)?,
+            Content::Scene(part) => scene.append(part),
             Content::Points(points) => {
                 return Err(format!("{}: {} points and no triangles", path.display(), points.len()).into());
             }
         }
     }
-    let bounds = scene.bounds();
     if scene.placed_triangles() == 0 {
         return Err("the scene is empty: no instance has a triangle".into());
     }
@@ -55,7 +54,13 @@ pub fn load(paths: &[PathBuf], up: Up) -> Result<Input, Box<dyn Error>> {
     }
     let names: Vec<String> =
         paths.iter().map(|p| p.file_name().map_or(String::new(), |n| n.to_string_lossy().into())).collect();
-    Ok(Input { title: names.join(", "), walk: Walk::around(&bounds, up), scene, up, warnings })
+    Ok(Input {
+        title: names.join(", "),
+        walk: Walk::around(&scene, &SceneCaster::new(&scene)?, up),
+        scene,
+        up,
+        warnings,
+    })
 }
 
 /// Late morning sun for scenes that bring no light.
@@ -63,34 +68,9 @@ fn sun(up: Up) -> Light {
     let across = if up == Up::Y { DVec3::new(0.45, 0.0, 0.25) } else { DVec3::new(0.45, 0.25, 0.0) };
     Light::Directional {
         direction: (across - up.axis()).normalize(),
-        irradiance: Vec3::new(2.8, 2.6, 2.35),
+        irradiance: Vec3::new(2.3, 2.15, 1.95),
         angular_radius: 0.0,
     }
-}
-
-/// Adds all of `part` to `scene`, its ids moved up.
-fn append(scene: &mut Scene, part: Scene) -> Result<(), Box<dyn Error>> {
-    let textures = scene.textures().len() as u32;
-    let materials = scene.materials().len() as u32;
-    let meshes = scene.meshes().len() as u32;
-    for texture in part.textures() {
-        scene.add_texture(texture.clone());
-    }
-    for m in part.materials() {
-        let texture = m.texture.map(|t| TextureId(t.0 + textures));
-        scene.add_material(Material { texture, ..m.clone() })?;
-    }
-    for mesh in part.meshes() {
-        scene.add_mesh(mesh.clone());
-    }
-    for i in part.instances() {
-        let (mesh, material) = (MeshId(i.mesh.0 + meshes), i.material.map(|m| MaterialId(m.0 + materials)));
-        scene.add_instance(Instance { mesh, material, ..i.clone() })?;
-    }
-    for light in part.lights() {
-        scene.add_light(*light)?;
-    }
-    Ok(())
 }
 
 /// The defects of all meshes together.

@@ -10,6 +10,7 @@
 
 mod frames;
 mod input;
+mod inside;
 mod page;
 mod walk;
 
@@ -93,9 +94,13 @@ fn walk_through(options: &Options, input: &Input) -> Result<Vec<(Vec<u8>, Frame)
     let map_side = if options.quick { 1024 } else { 4096 };
     let mut look = RenderOptions::default();
     look.up = input.up.axis();
-    look.ambient = [Vec3::new(0.24, 0.28, 0.36), Vec3::new(0.16, 0.14, 0.12)];
+    if !options.paths.is_empty() {
+        // Loaded scenes have rooms without lamps and sides that no sun reaches.
+        look.ambient = [Vec3::new(0.16, 0.19, 0.25), Vec3::new(0.11, 0.10, 0.08)];
+        look.headlight = 0.22;
+    }
     look.supersampling = if options.quick { 1 } else { 2 };
-    let mut renderer = Renderer::new(&input.scene, look, map_side);
+    let mut renderer = Renderer::new(&input.scene, look, map_side)?;
     let bar = ProgressBar::new(count as u64)
         .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
     bar.set_message("frames");

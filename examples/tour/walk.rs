@@ -1,7 +1,8 @@
 //! Where the camera goes.
 
+use crate::inside::walkway;
 use farsight_geometry::glam::DVec3;
-use farsight_geometry::{Camera, CameraError, DAabb};
+use farsight_geometry::{Camera, CameraError, DAabb, RayCaster, Scene};
 use farsight_raster::scenes::{City, Path};
 
 /// Which axis points away from the ground.
@@ -35,10 +36,12 @@ impl Up {
 pub enum Walk {
     /// Through the streets of the generated town, then up over its roofs.
     Town { street: Path, rise: Path },
-    /// Around whatever was loaded: all of it in view first, then closer.
-    Around { bounds: DAabb, up: Up },
+    /// Around whatever was loaded: all of it in view first, then closer, at last inside where there is an inside.
+    Around { bounds: DAabb, up: Up, inside: Option<[DVec3; 2]> },
 }
 
+/// Share of the frames that look from outside where there is an inside to see.
+const OUTSIDE: f64 = 0.5;
 /// Full vertical opening angle.
 const FOV_Y: f64 = 1.0;
 
@@ -48,9 +51,10 @@ impl Walk {
         Walk::Town { street: Path::street_walk(city), rise: Path::rise(city) }
     }
 
-    /// Around a box.
-    pub fn around(bounds: &DAabb, up: Up) -> Self {
-        Walk::Around { bounds: *bounds, up }
+    /// Around a scene.
+    pub fn around(scene: &Scene, caster: &impl RayCaster, up: Up) -> Self {
+        let bounds = scene.bounds();
+        Walk::Around { bounds, up, inside: walkway(caster, &bounds, up.axis()) }
     }
 
     /// The camera of frame `i` of `n`.
@@ -61,7 +65,17 @@ impl Walk {
                 let (eye, target) = if t < 0.7 { street.at(t / 0.7) } else { rise.at((t - 0.7) / 0.3) };
                 (eye, target, DVec3::Z, 100.0)
             }
-            Walk::Around { bounds, up } => {
+            Walk::Around { bounds, up, inside: Some([from, to]) } if t > OUTSIDE => {
+                let along = (t - OUTSIDE) / (1.0 - OUTSIDE);
+                let ahead = (*to - *from).normalize();
+                // Looking a little to both sides while walking.
+                let turn = 0.5 * (along * std::f64::consts::TAU).sin();
+                let view = ahead * turn.cos() + ahead.cross(up.axis()) * turn.sin();
+                let eye = from.lerp(*to, along);
+                (eye, eye + view, up.axis(), 0.1 * bounds.diagonal())
+            }
+            Walk::Around { bounds, up, inside } => {
+                let t = if inside.is_some() { t / OUTSIDE } else { t };
                 let (a, b) = up.ground();
                 // The first frame has the sun over the left shoulder.
                 let angle = 4.9 + 4.5 * t;

@@ -90,7 +90,7 @@ impl Default for Material {
     fn default() -> Self {
         Self {
             name: String::new(),
-            base_colour: [0.6, 0.6, 0.6, 1.0],
+            base_colour: [0.75, 0.75, 0.75, 1.0],
             texture: None,
             alpha: AlphaMode::Opaque,
             two_sided: true,
@@ -305,6 +305,24 @@ impl Scene {
         self.cameras.push(camera);
     }
 
+    /// Takes everything of another scene in, behind what is there.
+    pub fn append(&mut self, other: Scene) {
+        let (meshes, materials, textures) =
+            (self.meshes.len() as u32, self.materials.len() as u32, self.textures.len() as u32);
+        let moved_material =
+            |m: Material| Material { texture: m.texture.map(|t| TextureId(t.0 + textures)), ..m };
+        self.materials.extend(other.materials.into_iter().map(moved_material));
+        self.instances.extend(other.instances.into_iter().map(|i| Instance {
+            mesh: MeshId(i.mesh.0 + meshes),
+            material: i.material.map(|m| MaterialId(m.0 + materials)),
+            ..i
+        }));
+        self.meshes.extend(other.meshes);
+        self.textures.extend(other.textures);
+        self.lights.extend(other.lights);
+        self.cameras.extend(other.cameras);
+    }
+
     /// All meshes.
     pub fn meshes(&self) -> &[TriangleMesh] {
         &self.meshes
@@ -464,6 +482,22 @@ mod tests {
         assert_eq!((scene.stored_triangles(), scene.placed_triangles()), (1, 2));
         assert!(scene.bounds().contains(DVec3::new(11.0, 0.0, 0.0)));
         assert!(Scene::new().bounds().is_empty());
+    }
+
+    #[test]
+    fn appending_moves_ids() {
+        let with_texture = || {
+            let mut scene = Scene::of_mesh(triangle());
+            let texture = Some(scene.add_texture(Texture::new(1, 1, vec![[9; 4]]).unwrap()));
+            let material = Some(scene.add_material(Material { texture, ..Material::default() }).unwrap());
+            scene.instances[0].material = material;
+            scene
+        };
+        let mut scene = with_texture();
+        scene.append(with_texture());
+        let last = &scene.instances()[1];
+        assert_eq!((last.mesh, last.material), (MeshId(1), Some(MaterialId(1))));
+        assert_eq!(scene.materials()[1].texture, Some(TextureId(1)));
     }
 
     #[test]

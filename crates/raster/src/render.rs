@@ -32,6 +32,8 @@ pub struct RenderOptions<'a> {
     pub outputs: Outputs,
     /// Radiance of the ambient light from above and from below.
     pub ambient: [Vec3; 2],
+    /// Radiance of white surfaces that face the eye, from a light at the eye that does not fade.
+    pub headlight: f32,
     /// Colour of the sky overhead and at the horizon; `None` leaves the background black and transparent.
     pub sky: Option<[Vec3; 2]>,
     /// Distance in metres over which air hides 63 % of a surface behind the horizon's colour; `None` for clear air.
@@ -54,6 +56,7 @@ impl Default for RenderOptions<'_> {
             ids: SceneIds::Instances,
             outputs: Outputs::ALL,
             ambient: [Vec3::new(0.34, 0.42, 0.56), Vec3::new(0.22, 0.19, 0.15)],
+            headlight: 0.0,
             sky: Some([Vec3::new(0.16, 0.36, 0.78), Vec3::new(0.72, 0.80, 0.88)]),
             haze: None,
             up: DVec3::Z,
@@ -120,7 +123,8 @@ fn render_into(
     };
     let shadows: Vec<ShadowMap> = options.shadows.iter().map(|s| s.relative_to(camera.eye())).collect();
     let up = options.up.as_vec3();
-    let lighting = Lighting::new(scene.lights(), &shadows, options.ambient, up, camera.eye());
+    let lighting = Lighting::new(scene.lights(), &shadows, options.ambient, up, camera.eye())
+        .with_headlight(options.headlight);
     let frustum = Frustum::from_camera(camera);
     let bounds = scene.instance_bounds();
     let mut order: Vec<(f64, usize)> = (0..bounds.len())

@@ -10,6 +10,8 @@ pub struct Lighting<'a> {
     /// Radiance from above and below.
     ambient: [Vec3; 2],
     up: Vec3,
+    /// Radiance of a surface that faces the origin.
+    headlight: f32,
 }
 
 struct LocalLight<'a> {
@@ -40,7 +42,14 @@ impl<'a> Lighting<'a> {
             };
             LocalLight { light, position: (position - origin).as_vec3(), shadow: shadows.get(i) }
         };
-        Self { lights: lights.iter().enumerate().map(local).collect(), ambient, up }
+        Self { lights: lights.iter().enumerate().map(local).collect(), ambient, up, headlight: 0.0 }
+    }
+
+    /// Adds light from the origin that does not fade: what faces it has this radiance. It shows shapes where no other
+    /// light comes.
+    #[must_use]
+    pub fn with_headlight(self, radiance: f32) -> Self {
+        Self { headlight: radiance, ..self }
     }
 
     /// Radiance that leaves a diffuse surface of albedo 1 at `point` (relative to the origin) with unit `normal`.
@@ -49,7 +58,8 @@ impl<'a> Lighting<'a> {
     /// Area lights are taken as points at their centre.
     pub fn radiance(&self, point: Vec3, normal: Vec3, face: Vec3) -> Vec3 {
         let up = 0.5 + 0.5 * normal.dot(self.up);
-        let mut sum = self.ambient[1].lerp(self.ambient[0], up);
+        let facing = normal.dot(-point.normalize_or_zero()).max(0.0);
+        let mut sum = self.ambient[1].lerp(self.ambient[0], up) + self.headlight * facing;
         for light in &self.lights {
             let (towards, irradiance) = light.arriving(point);
             let cosine = normal.dot(towards);
