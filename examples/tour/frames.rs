@@ -12,9 +12,8 @@ use farsight_shadow::{Focus, MapOptions, ShadowView, Skip};
 use std::error::Error;
 use std::time::{Duration, Instant};
 
-/// What a frame showed and took.
-pub struct Frame {
-    pub target: Target,
+/// What a frame took.
+pub struct FrameReport {
     pub counters: Counters,
     /// The sun's map, or why there was none; `None` without a sun.
     pub shadow: Option<Result<ShadowReport, Skip>>,
@@ -27,6 +26,9 @@ pub struct ShadowReport {
     pub casters_drawn: usize,
     pub time: Duration,
 }
+
+/// A shadow pass: what it took, and the map.
+type ShadowPass = (ShadowReport, ShadowMap);
 
 /// Draws frames of a scene, keeping what can be kept from one to the next.
 pub struct Renderer<'a> {
@@ -63,7 +65,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// Draws a frame.
-    pub fn frame(&mut self, camera: &Camera) -> Result<Frame, Box<dyn Error>> {
+    pub fn frame(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = Instant::now();
         let mut maps = Vec::new();
         let shadow = match self.shadow(camera)? {
@@ -78,15 +80,11 @@ impl<'a> Renderer<'a> {
         options.shadows = &maps;
         options.textures = &self.textures;
         let (target, counters) = render_scene(&mut self.rasteriser, self.scene, camera, &options)?;
-        Ok(Frame { target, counters, shadow, time: start.elapsed() })
+        Ok((target, FrameReport { counters, shadow, time: start.elapsed() }))
     }
 
     /// The map of the first light, if it is a sun.
-    #[allow(clippy::type_complexity)]
-    fn shadow(
-        &mut self,
-        camera: &Camera,
-    ) -> Result<Option<Result<(ShadowReport, ShadowMap), Skip>>, Box<dyn Error>> {
+    fn shadow(&mut self, camera: &Camera) -> Result<Option<Result<ShadowPass, Skip>>, Box<dyn Error>> {
         let Some(&Light::Directional { direction, .. }) = self.scene.lights().first() else {
             return Ok(None);
         };

@@ -18,7 +18,7 @@ use clap::Parser;
 use farsight_geometry::glam::Vec3;
 use farsight_geometry::io::exr::FloatImage;
 use farsight_raster::{Image, RenderOptions, Target};
-use frames::{Frame, Renderer};
+use frames::{FrameReport, Renderer};
 use indicatif::{ProgressBar, ProgressStyle};
 use input::Input;
 use page::Page;
@@ -47,6 +47,12 @@ struct Options {
     /// The axis of loaded files that points away from the ground.
     #[arg(long, value_enum, default_value = "y")]
     up: Up,
+}
+
+/// A frame as the page shows it.
+struct Shown {
+    png: Vec<u8>,
+    report: FrameReport,
 }
 
 fn main() -> ExitCode {
@@ -87,7 +93,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
 }
 
 /// Draws all frames and writes them as they come.
-fn walk_through(options: &Options, input: &Input) -> Result<Vec<(Vec<u8>, Frame)>, Box<dyn Error>> {
+fn walk_through(options: &Options, input: &Input) -> Result<Vec<Shown>, Box<dyn Error>> {
     let count = options.frames.unwrap_or(if options.quick { 3 } else { 12 }).max(1);
     let width = options.width.unwrap_or(if options.quick { 480 } else { 1280 }).max(16);
     let height = (width * 9 / 16).max(1);
@@ -107,18 +113,17 @@ fn walk_through(options: &Options, input: &Input) -> Result<Vec<(Vec<u8>, Frame)
     let mut frames = Vec::with_capacity(count);
     for i in 0..count {
         let camera = input.walk.camera(i, count, width, height)?;
-        let frame = renderer.frame(&camera)?;
-        let png = Image::from_colour(&frame.target).to_png()?;
+        let (target, report) = renderer.frame(&camera)?;
+        let png = Image::from_colour(&target).to_png()?;
         let path = options.out.join(format!("frame_{i:03}.png"));
         std::fs::write(&path, &png).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
-        frames.push((png, frame));
+        if i + 1 == count {
+            write_depth(&options.out.join("depth.exr"), &target, camera.near())?;
+        }
+        frames.push(Shown { png, report });
         bar.inc(1);
     }
     bar.finish();
-    if let (Some((_, last)), Ok(camera)) = (frames.last(), input.walk.camera(count - 1, count, width, height))
-    {
-        write_depth(&options.out.join("depth.exr"), &last.target, camera.near())?;
-    }
     Ok(frames)
 }
 
@@ -138,7 +143,7 @@ fn spinner(message: &'static str) -> ProgressBar {
     spinner
 }
 
-fn write_page(input: &Input, report: &str, frames: &[(Vec<u8>, Frame)]) -> Result<String, Box<dyn Error>> {
+fn write_page(input: &Input, report: &str, frames: &[Shown]) -> Result<String, Box<dyn Error>> {
     let scene = &input.scene;
     let mut page = Page::new(&format!("A tour of {}", input.title), report);
     page.heading("The scene");
@@ -158,12 +163,13 @@ fn write_page(input: &Input, report: &str, frames: &[(Vec<u8>, Frame)]) -> Resul
     ]);
     input.warnings.iter().for_each(|w| page.paragraph(w));
     page.heading("Frames");
-    let captions = frames.iter().enumerate().map(|(i, (png, frame))| (png.clone(), caption(i, frame)));
+    let captions = frames.iter().enumerate().map(|(i, shown)| (shown.png.clone(), caption(i, &shown.report)));
     page.pictures(&captions.collect::<Vec<_>>());
     page.heading("What each frame took");
     page.table(&frame_table(frames));
-    let series = |value: fn(&Frame) -> f64| frames.iter().map(|(_, f)| value(f)).collect::<Vec<f64>>();
-    let shadow_ms = |f: &Frame| match &f.shadow {
+    let series =
+        |value: fn(&FrameReport) -> f64| frames.iter().map(|f| value(&f.report)).collect::<Vec<f64>>();
+    let shadow_ms = |f: &FrameReport| match &f.shadow {
         Some(Ok(s)) => s.time.as_secs_f64() * 1e3,
         _ => 0.0,
     };
@@ -173,12 +179,12 @@ fn write_page(input: &Input, report: &str, frames: &[(Vec<u8>, Frame)]) -> Resul
         &[("frame", series(|f| f.time.as_secs_f64() * 1e3)), ("of it the shadow map", series(shadow_ms))],
     )?;
     let texel = |warped: bool| {
-        let value = |f: &Frame| match &f.shadow {
+        let value = |f: &FrameReport| match &f.shadow {
             Some(Ok(s)) if warped => s.view.texel.value,
             Some(Ok(s)) => s.view.texel_uniform.value,
             _ => 0.0,
         };
-        frames.iter().map(|(_, f)| value(f)).collect::<Vec<f64>>()
+        frames.iter().map(|f| value(&f.report)).collect::<Vec<f64>>()
     };
     page.paragraph(
         "How coarse the shadow map is where it is coarsest: pixels on the screen that one texel covers.",
@@ -187,7 +193,7 @@ fn write_page(input: &Input, report: &str, frames: &[(Vec<u8>, Frame)]) -> Resul
     Ok(page.finish())
 }
 
-fn caption(i: usize, frame: &Frame) -> String {
+fn caption(i: usize, frame: &FrameReport) -> String {
     let shadow = match &frame.shadow {
         None => "no sun".into(),
         Some(Err(skip)) => format!("no shadow map needed: {skip:?}"),
@@ -202,10 +208,10 @@ fn caption(i: usize, frame: &Frame) -> String {
 }
 
 /// Frame by frame, the head first.
-fn frame_table(frames: &[(Vec<u8>, Frame)]) -> Vec<Vec<String>> {
+fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
     let head = ["frame", "objects", "drawn", "triangles", "casters", "texel px", "gain", "ms"];
     let mut rows = vec![head.map(String::from).to_vec()];
-    for (i, (_, f)) in frames.iter().enumerate() {
+    for (i, Shown { report: f, .. }) in frames.iter().enumerate() {
         let (casters, texel, gain) = match &f.shadow {
             Some(Ok(s)) => (
                 s.casters_drawn.to_string(),
