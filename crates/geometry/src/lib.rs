@@ -5,6 +5,18 @@
 //! decided exactly ([`predicates`]); what is promised as a bound includes rounding ([`rounding`]); what an
 //! answer promises and costs is part of the answer ([`accuracy`]).
 //!
+//! ```
+//! use farsight_geometry::{Camera, Frustum, Containment, DAabb, glam::{DVec3, dvec3}};
+//!
+//! let camera = Camera::look_at(dvec3(0.0, 1.7, 5.0), DVec3::ZERO, DVec3::Y)?;
+//! let house = DAabb::new(dvec3(-2.0, 0.0, -2.0), dvec3(2.0, 3.0, 2.0));
+//! assert_ne!(Frustum::from_camera(&camera).classify(&house), Containment::Outside);
+//! // How far may a point of the house be off before anyone sees it by more than a pixel?
+//! let tolerance = camera.world_error(1.0, camera.distance_to_box(&house));
+//! assert!(tolerance > 0.001 && tolerance < 0.01);
+//! # Ok::<(), farsight_geometry::CameraError>(())
+//! ```
+//!
 //! | module | answers |
 //! |---|---|
 //! | [`accuracy`] | what an error bound means and what it cost |
@@ -14,6 +26,10 @@
 //! | [`convex`] | which part of space matters |
 //! | [`ray`] | what a ray meets |
 //! | [`distance`] | how far surfaces are apart |
+//! | [`bvh`] | which objects are where |
+//! | [`sampling`] | which points and directions to try |
+//! | [`io`] | what a file holds |
+//! | `hard_cases` | what may go wrong (feature `hard-cases`) |
 
 pub mod accuracy;
 pub mod bounds;
@@ -43,3 +59,8 @@ pub use mesh::{MeshError, MeshReport, TriangleMesh};
 pub use points::PointCloud;
 pub use ray::{Hit, Ray, RayCaster};
 pub use scene::Scene;
+
+/// The README's example, so that it stays true.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
