@@ -39,7 +39,7 @@ pub struct Edge {
 /// ```
 ///
 /// # Cost
-/// One clip by a plane: about 50 ns for a dozen vertices; no allocation once the body's buffers have grown.
+/// One clip by a plane: about 100 ns for a dozen vertices; no allocation once the body's buffers have grown.
 #[derive(Clone, Debug, Default)]
 pub struct ConvexBody {
     vertices: Vec<DVec3>,

@@ -48,7 +48,7 @@ const UNIT: f64 = crate::rounding::UNIT_F64;
 /// Whether `a`, `b`, `c` turn counter-clockwise (positive), clockwise (negative) or lie on a line (zero).
 ///
 /// # Cost
-/// About 2 ns when the filter decides, 100 ns when it cannot.
+/// About 3 ns when the filter decides, 20 ns when it cannot.
 pub fn orient2d(a: DVec2, b: DVec2, c: DVec2) -> Sign {
     let left = (a.x - c.x) * (b.y - c.y);
     let right = (a.y - c.y) * (b.x - c.x);
@@ -75,7 +75,7 @@ pub fn orient2d(a: DVec2, b: DVec2, c: DVec2) -> Sign {
 /// ```
 ///
 /// # Cost
-/// About 5 ns when the filter decides, 1 µs when it cannot.
+/// About 6 ns when the filter decides, 0.2 µs when it cannot.
 pub fn orient3d(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Sign {
     let (ad, bd, cd) = (a - d, b - d, c - d);
     let (p, q) = (bd.x * cd.y, cd.x * bd.y);
