@@ -7,7 +7,7 @@ use farsight_geometry::distance::{HausdorffOptions, hausdorff};
 use farsight_geometry::glam::{Vec3, vec3};
 
 pub fn rows(quick: bool) -> Vec<Row> {
-    let (n, runs) = if quick { (24, 3) } else { (120, 5) };
+    let (n, runs) = if quick { (24, 3) } else { (60, 3) };
     let scenes = [balls(n), hills(n)];
     let tolerances = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
     scenes.iter().flat_map(|scene| tolerances.map(|tolerance| row(scene, tolerance, runs))).collect()

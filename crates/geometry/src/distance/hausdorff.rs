@@ -209,10 +209,14 @@ impl<'a> Search<'a> {
 
     fn first_pieces(&mut self, from: &TriangleMesh) -> Vec<Piece> {
         let mut corner_of: Vec<Option<Corner>> = vec![None; from.positions().len()];
+        // Neighbours in the list tend to be neighbours in space: the last nearest triangle is a good first guess.
+        let mut last = 0;
         let mut corner = |search: &mut Self, i: u32| {
-            *corner_of[i as usize].get_or_insert_with(|| {
-                search.corner(from.origin() + from.positions()[i as usize].as_dvec3(), &[])
-            })
+            let corner = *corner_of[i as usize].get_or_insert_with(|| {
+                search.corner(from.origin() + from.positions()[i as usize].as_dvec3(), &[last])
+            });
+            last = corner.nearest;
+            corner
         };
         let triangles: Vec<[Corner; 3]> =
             from.triangles().iter().map(|t| t.map(|i| corner(self, i))).collect();
