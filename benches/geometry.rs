@@ -33,10 +33,7 @@ fn print(what: &str, ns: f64) {
 }
 
 fn points(count: u32) -> Vec<DVec3> {
-    (0..count)
-        .map(|i| f64::from(i))
-        .map(|t| dvec3((t * 1.1).sin(), (t * 1.7).cos(), (t * 2.3).sin()))
-        .collect()
+    (0..count).map(f64::from).map(|t| dvec3((t * 1.1).sin(), (t * 1.7).cos(), (t * 2.3).sin())).collect()
 }
 
 fn predicates() {
