@@ -6,3 +6,5 @@
 pub use farsight_geometry as geometry;
 #[cfg(feature = "shadow")]
 pub use farsight_shadow as shadow;
+#[cfg(feature = "timing")]
+pub use farsight_timing as timing;
