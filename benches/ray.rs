@@ -8,8 +8,8 @@
 use farsight_geometry::glam::{DVec3, Vec3};
 use farsight_geometry::ray::{Bvh8, SimdLevel};
 use farsight_geometry::{Hit, Ray, RayCaster, TriangleMesh};
-use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, ray::RayHit, triangle::Triangle};
 use farsight_raster::scenes::{City, Path};
+use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, ray::RayHit, triangle::Triangle};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
