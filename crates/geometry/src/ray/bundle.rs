@@ -8,8 +8,8 @@
 use super::Hit;
 use super::exact::{axes, each};
 use super::frame::Frame;
-use super::single::{Best, SHEARED_ERROR, Stack};
-use super::tree::{BLOCK, Block, Node, STACK, Tree};
+use super::single::{Best, Place, SHEARED_ERROR, Stack};
+use super::tree::{Block, Node, Tree};
 use fearless_simd::{Simd, f32x8, f64x4, mask32x8, mask64x4, prelude::*};
 use glam::DVec3;
 
@@ -172,56 +172,43 @@ impl Bundle {
     #[inline(always)]
     pub(super) fn trace<S: Simd>(&mut self, simd: S, tree: &Tree, instance: u64, stack: &mut Stack) {
         let pyramid = Pyramid::new(self);
-        let stack = &mut stack.0;
-        let mut limit = f32::INFINITY;
-        let (mut height, mut current) = (0, 0);
+        let mut place = Place::root(f32::INFINITY);
         loop {
-            if current & BLOCK == 0 {
-                let Some(node) = tree.nodes.get(current as usize) else { return };
-                let (mut hits, depths) = pyramid.boxes(simd, node, limit);
-                let base = height;
-                while hits != 0 {
-                    let lane = hits.trailing_zeros() as usize & 7;
-                    hits &= hits - 1;
-                    let entry = u64::from(depths[lane].to_bits()) << 32 | u64::from(node.children[lane]);
-                    let mut at = height;
-                    while at > base && stack[(at - 1) & (STACK - 1)] < entry {
-                        stack[at & (STACK - 1)] = stack[(at - 1) & (STACK - 1)];
-                        at -= 1;
-                    }
-                    stack[at & (STACK - 1)] = entry;
-                    height += 1;
+            if let Some(index) = place.block() {
+                let Some(block) = tree.blocks.get(index) else { return };
+                if self.block(simd, block, place.limit, instance) {
+                    let load = |i: usize| f32x8::from_slice(simd, &self.limits[i * 8..i * 8 + 8]);
+                    place.limit = load(0).max(load(1)).max(load(2).max(load(3))).reduce_max();
                 }
             } else {
-                let Some(block) = tree.blocks.get((current & !BLOCK) as usize) else { return };
-                let edges = Edges::new(simd, self, block);
-                let mut lanes = edges.candidates(simd, self, limit);
-                let mut improved = false;
-                if lanes != 0 {
-                    let edges = edges.store();
-                    while lanes != 0 {
-                        let lane = lanes.trailing_zeros() as usize & 7;
-                        lanes &= lanes - 1;
-                        improved |= self.triangle(simd, block, &edges, lane, instance);
-                    }
-                }
-                if improved {
-                    let load = |i: usize| f32x8::from_slice(simd, &self.limits[i * 8..i * 8 + 8]);
-                    limit = load(0).max(load(1)).max(load(2).max(load(3))).reduce_max();
+                let Some(node) = tree.nodes.get(place.current as usize) else { return };
+                let (hits, depths) = pyramid.boxes(simd, node, place.limit);
+                if hits != 0 {
+                    place.descend(node, hits, &depths, stack);
+                    continue;
                 }
             }
-            loop {
-                if height == 0 {
-                    return;
-                }
-                height -= 1;
-                let entry = stack[height & (STACK - 1)];
-                if f32::from_bits((entry >> 32) as u32) <= limit {
-                    current = entry as u32;
-                    break;
-                }
+            if !place.pop(stack) {
+                return;
             }
         }
+    }
+
+    /// Eight triangles against all rays; whether a hit came nearer.
+    #[inline(always)]
+    fn block<S: Simd>(&mut self, simd: S, block: &Block, limit: f32, instance: u64) -> bool {
+        let edges = Edges::new(simd, self, block);
+        let mut lanes = edges.candidates(simd, self, limit);
+        if lanes == 0 {
+            return false;
+        }
+        let (edges, mut improved) = (edges.store(), false);
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize & 7;
+            lanes &= lanes - 1;
+            improved |= self.triangle(simd, block, &edges, lane, instance);
+        }
+        improved
     }
 
     /// One triangle against all rays; whether a hit came nearer.
