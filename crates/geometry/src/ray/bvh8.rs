@@ -50,9 +50,9 @@ impl SimdLevel {
 /// # Accuracy
 /// Hits are those of Woop's sheared test in `f64` with every triangle of the mesh, whatever its vertices' magnitude
 /// (1e-18 to 1e18) and the mesh's origin. No ray passes between triangles that share an edge or a vertex. `t` is a
-/// convex combination of the corners' distances along the ray's main axis, evaluated with a relative error of about 1e-15
-/// of the largest coordinate difference between origin and triangle; for rays within the plane of a triangle to about
-/// 1e-12 rad the weights, and `t` between the triangle's corners, become arbitrary. The answer, ties included, is the same
+/// convex combination of the corners' distances along the ray's main axis. Its error is below 1e-15 of the largest
+/// coordinate difference between origin and triangle, times the square of the triangle's longest edge over twice the area
+/// that the ray sees: slivers and grazed triangles cost digits, a ray within a triangle's plane all of them. The answer, ties included, is the same
 /// bits for single rays, batches and bundles, for any number of threads and on any processor.
 ///
 /// Triangles without area are never hit.
