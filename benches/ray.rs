@@ -1,4 +1,4 @@
-//! Ray casting speed on a generated town, each figure beside the floor that it must not fall below.
+//! Ray casting speed in the generated town, each figure beside the floor that it must not fall below.
 //!
 //! `cargo bench --bench ray` prints the table; `-- --quick` uses a small town; `-- --check` exits non-zero when a floor
 //! is missed. Speeds are per CPU time of one thread, best of several
@@ -8,16 +8,20 @@
 use farsight_geometry::glam::{DVec3, Vec3};
 use farsight_geometry::ray::{Bvh8, SimdLevel};
 use farsight_geometry::{Hit, Ray, RayCaster, TriangleMesh};
+use farsight_raster::scenes::{City, Path};
 use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, ray::RayHit, triangle::Triangle};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
+/// Pixels along one side of a picture.
 const SIDE: usize = 512;
+/// Rays in a bundle.
+const TILE: usize = 32;
 
 fn main() {
     let has = |flag: &str| std::env::args().any(|a| a == flag);
-    let houses = if has("--quick") { 6 } else { 24 };
-    let mesh = town(houses);
+    let city = if has("--quick") { City::small() } else { City::default() };
+    let mesh = city.build().unwrap().flattened().unwrap();
     let mut table = Table::default();
     println!("town: {} triangles", mesh.triangles().len());
 
@@ -41,7 +45,7 @@ fn main() {
     );
     table.most("build, s, one thread", build, 1.0);
 
-    let sets = [("coherent", pinhole(houses)), ("incoherent", street(houses))];
+    let sets = [("coherent", pinhole(&city)), ("incoherent", street(&city))];
     let rival = Rival::new(&mesh);
     let base = bvh.clone().with_simd(SimdLevel::Baseline);
     let floors = [(8.5, 7.2, 2.0), (6.2, 5.2, 3.0)];
@@ -66,13 +70,16 @@ fn main() {
         println!("{name}: {} of {} rays hit", hits.iter().flatten().count(), rays.len());
     }
 
-    let (eye, directions) = bundle(houses);
-    let mut hits = vec![None; directions.len()];
+    let views = views(&city);
+    let mut hits = vec![None; TILE];
     let mut speed = 0.0f64;
     for _ in 0..9 {
-        speed = speed.max(mrays(directions.len(), || {
-            for (directions, hits) in directions.chunks(32).zip(hits.chunks_mut(32)) {
-                bvh.closest_bundle(eye, directions, hits);
+        speed = speed.max(mrays(views.len() * SIDE * SIDE, || {
+            for (eye, directions) in &views {
+                for directions in directions.chunks(TILE) {
+                    bvh.closest_bundle(*eye, directions, &mut hits);
+                    black_box(&hits);
+                }
             }
         }));
     }
@@ -128,13 +135,13 @@ impl Table {
 
 /// Million rays per second of this thread's CPU time, which other work on the machine disturbs least.
 fn mrays(rays: usize, mut run: impl FnMut()) -> f64 {
-    // Several passes, as the system counts CPU time in steps of some milliseconds.
-    const PASSES: usize = 4;
+    // Several passes over few rays, as the system counts CPU time in steps of some milliseconds.
+    let passes = (1usize << 20).div_ceil(rays);
     let start = cpu_time();
-    for _ in 0..PASSES {
+    for _ in 0..passes {
         run();
     }
-    (rays * PASSES) as f64 / (cpu_time() - start).as_secs_f64() / 1e6
+    (rays * passes) as f64 / (cpu_time() - start).as_secs_f64() / 1e6
 }
 
 /// CPU time of this thread; wall time where the system does not tell.
@@ -191,133 +198,41 @@ impl Random {
     }
 }
 
-/// Distance between houses, in metres; streets are what the houses leave.
-const PITCH: f64 = 13.2;
-
-/// The middle of a street crossing near the town's centre, at eye height.
-fn crossing(houses: usize) -> DVec3 {
-    let middle = PITCH * (houses / 2) as f64;
-    DVec3::new(middle, middle + 4.0, 1.7)
+/// Four pictures from a walk along the streets, their rays in tiles of 8 x 4 pixels.
+fn views(city: &City) -> Vec<(DVec3, Vec<DVec3>)> {
+    let walk = Path::street_walk(city);
+    let view = |t: f64| {
+        let (eye, target) = walk.at(t);
+        let forward = (target - eye).normalize();
+        let right = forward.cross(DVec3::Z).normalize();
+        let up = right.cross(forward);
+        let pixel = |i: usize| {
+            let (tile, i) = (i / TILE, i % TILE);
+            let (x, y) = (tile % (SIDE / 8) * 8 + i % 8, tile / (SIDE / 8) * 4 + i / 8);
+            let at = |i: usize| (2.0 * i as f64 + 1.0) / SIDE as f64 - 1.0;
+            forward + right * (at(x) * 0.7) - up * (at(y) * 0.7)
+        };
+        (eye, (0..SIDE * SIDE).map(pixel).collect())
+    };
+    [0.05, 0.3, 0.55, 0.8].map(view).to_vec()
 }
 
-fn bundle(houses: usize) -> (DVec3, Vec<DVec3>) {
-    let mut directions = Vec::with_capacity(SIDE * SIDE);
-    for tile in 0..SIDE * SIDE / 32 {
-        let (tx, ty) = (tile % (SIDE / 8), tile / (SIDE / 8));
-        for i in 0..32 {
-            let (x, y) = (tx * 8 + i % 8, ty * 4 + i / 8);
-            let at = |i: usize| (i as f64 + 0.5) / SIDE as f64 * 2.0 - 1.0;
-            let (right, up) = (DVec3::new(0.8, -0.6, 0.0), DVec3::Z);
-            let forward = DVec3::new(0.6, 0.8, -0.02);
-            directions.push(forward + right * (at(x) * 0.7) - up * (at(y) * 0.7));
-        }
-    }
-    (crossing(houses), directions)
+fn pinhole(city: &City) -> Vec<Ray> {
+    let views = views(city);
+    views.iter().flat_map(|(eye, view)| view.iter().map(|&d| Ray::new(*eye, d).unwrap())).collect()
 }
 
-fn pinhole(houses: usize) -> Vec<Ray> {
-    let (eye, directions) = bundle(houses);
-    directions.into_iter().map(|d| Ray::new(eye, d).unwrap()).collect()
-}
-
-fn street(houses: usize) -> Vec<Ray> {
+/// All directions, from a cell in a street in the middle of the town.
+fn street(city: &City) -> Vec<Ray> {
     let mut random = Random(7);
-    let corner = crossing(houses) - DVec3::new(1.1, 7.5, 0.4);
+    // Streets are 51 m apart, their middles begin at 5.5 m.
+    let middle = 5.5 + 51.0 * f64::from(city.blocks / 2);
+    let (corner, size) = (DVec3::new(middle - 1.1, middle + 12.0, 1.3), DVec3::new(2.2, 15.0, 0.8));
     let ray = |_| {
-        let p = corner + DVec3::new(2.2, 15.0, 0.8) * DVec3::from_array([0; 3].map(|_| random.next()));
+        let p = corner + size * DVec3::from_array([0; 3].map(|_| random.next()));
         Ray::new(p, random.direction()).unwrap()
     };
     (0..SIDE * SIDE).map(ray).collect()
-}
-
-/// A low-rise town: ground tiles of one metre, houses with windows, sills and wavy roofs.
-fn town(houses: usize) -> TriangleMesh {
-    let mut soup = Soup::default();
-    let mut random = Random(1);
-    let side = (houses as f64 * PITCH).round();
-    let bump = |x: f64, y: f64| 0.02 * ((x * 0.7).sin() + (y * 0.9).cos());
-    soup.grid(side as usize, side as usize, |x, y| {
-        let (x, y) = (x * side, y * side);
-        DVec3::new(x, y, bump(x, y))
-    });
-    for i in 0..houses * houses {
-        let corner =
-            DVec3::new((i % houses) as f64, (i / houses) as f64, 0.0) * PITCH + DVec3::new(1.6, 1.6, -0.05);
-        let size =
-            DVec3::new(8.0 + 2.0 * random.next(), 8.0 + 2.0 * random.next(), 5.0 + 1.5 * random.next());
-        soup.house(corner, size, &mut random);
-    }
-    TriangleMesh::from_world(&soup.positions, soup.triangles).unwrap()
-}
-
-#[derive(Default)]
-struct Soup {
-    positions: Vec<DVec3>,
-    triangles: Vec<[u32; 3]>,
-}
-
-impl Soup {
-    fn grid(&mut self, nx: usize, ny: usize, at: impl Fn(f64, f64) -> DVec3) {
-        let first = self.positions.len() as u32;
-        for j in 0..=ny {
-            for i in 0..=nx {
-                self.positions.push(at(i as f64 / nx as f64, j as f64 / ny as f64));
-            }
-        }
-        let row = nx as u32 + 1;
-        for j in 0..ny as u32 {
-            for i in 0..nx as u32 {
-                let a = first + j * row + i;
-                self.triangles.extend([[a, a + 1, a + row + 1], [a, a + row + 1, a + row]]);
-            }
-        }
-    }
-
-    fn cuboid(&mut self, lo: DVec3, hi: DVec3) {
-        for axis in 0..3 {
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            for side in [lo, hi] {
-                self.grid(1, 1, |a, b| {
-                    let mut p = side;
-                    (p[u], p[v]) = (lo[u] + (hi[u] - lo[u]) * a, lo[v] + (hi[v] - lo[v]) * b);
-                    p
-                });
-            }
-        }
-    }
-
-    fn house(&mut self, corner: DVec3, size: DVec3, random: &mut Random) {
-        self.cuboid(corner, corner + size);
-        for facade in 0..4 {
-            let (along, out) = if facade % 2 == 0 { (0, 1) } else { (1, 0) };
-            let outside = if facade < 2 { corner[out] } else { corner[out] + size[out] };
-            let sign = if facade < 2 { -1.0 } else { 1.0 };
-            for window in 0..10 {
-                let (column, floor) = (window % 5, window / 5);
-                let mut box_of = |from: f64, to: f64, z: f64, height: f64, depth: f64| {
-                    let (mut lo, mut hi) = (corner, corner);
-                    (lo[along], hi[along]) = (corner[along] + from, corner[along] + to);
-                    let outer = outside + sign * depth;
-                    (lo[out], hi[out]) = (outside.min(outer), outside.max(outer));
-                    (lo.z, hi.z) = (corner.z + z, corner.z + z + height);
-                    self.cuboid(lo, hi);
-                };
-                let x = 0.6 + column as f64 * size[along] / 5.2;
-                let z = 0.9 + 2.4 * floor as f64;
-                box_of(x, x + 0.9, z - 0.08, 0.08, 0.15);
-                box_of(x, x + 0.06, z, 1.2, 0.05);
-                box_of(x + 0.84, x + 0.9, z, 1.2, 0.05);
-            }
-        }
-        let (phase, lift) = (random.next() * 6.0, corner.z + size.z + 0.1);
-        let over = DVec3::new(0.3, 0.3, 0.0);
-        let (lo, span) = (corner - over, size + 2.0 * over);
-        self.grid(16, 16, |a, b| {
-            let ridge = 1.8 * (1.0 - (2.0 * a - 1.0).abs());
-            let wave = 0.05 * (40.0 * b + phase).sin();
-            DVec3::new(lo.x + span.x * a, lo.y + span.y * b, lift + ridge + wave)
-        });
-    }
 }
 
 /// Rays from inside a closed bumpy sphere at vertices and edges, also far from the origin: every one must hit.

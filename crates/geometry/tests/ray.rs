@@ -652,3 +652,35 @@ proptest! {
         }
     }
 }
+
+/// Distances in 128-bit integers, on triangles and rays whose coordinates are integers.
+#[test]
+fn distances_are_as_accurate_as_documented() {
+    let mut random = Random(23);
+    let mut point = |size: f64| (random.vector() * size).round();
+    let (mut hits, mut worst) = (0, 0.0f64);
+    for _ in 0..200_000 {
+        let corners = [point(1000.0), point(1000.0), point(1000.0)];
+        let (origin, target) = (point(4000.0), (corners[0] + corners[1] + corners[2]) / 3.0 + point(200.0));
+        let along = target.round() - origin;
+        let Some(ray) = Ray::new(origin, along) else { continue };
+        let caster = BruteForce::new(&soup(corners.map(|p| p.as_vec3()).to_vec()));
+        let tree = Bvh8::new(&soup(corners.map(|p| p.as_vec3()).to_vec()));
+        assert_eq!(tree.closest(&ray).is_some(), caster.closest(&ray).is_some());
+        let Some(hit) = tree.closest(&ray) else { continue };
+        let int = |p: DVec3| p.to_array().map(|x| x as i128);
+        let dot = |a: [i128; 3], b: [i128; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let (e, f) = (int(corners[1] - corners[0]), int(corners[2] - corners[0]));
+        let normal = [e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]];
+        let (height, slope) = (dot(normal, int(corners[0] - origin)), dot(normal, int(along)));
+        let exact = height as f64 / slope as f64 * along.length();
+        // Twice the area that the ray sees, and the longest edge.
+        let area = (slope as f64 / along.length()).abs();
+        let edge = (0..3).map(|i| corners[i].distance_squared(corners[(i + 1) % 3])).fold(0.0, f64::max);
+        let reach = corners.iter().map(|&p| (p - origin).abs().max_element()).fold(0.0, f64::max);
+        worst = worst.max((hit.t - exact).abs() / (reach * edge / area));
+        hits += 1;
+    }
+    println!("worst error of {hits} distances: {worst:e} of the bound's unit");
+    assert!(hits > 50_000 && worst < 1e-15, "{hits} hits, {worst:e}");
+}

@@ -8,8 +8,8 @@
 use super::Hit;
 use super::exact::{axes, each};
 use super::frame::Frame;
-use super::single::{Best, SHEARED_ERROR, Stack};
-use super::tree::{BLOCK, Block, Node, STACK, Tree};
+use super::single::{Best, Place, SHEARED_ERROR, Stack};
+use super::tree::{Block, Node, Tree};
 use fearless_simd::{Simd, f32x8, f64x4, mask32x8, mask64x4, prelude::*};
 use glam::DVec3;
 
@@ -29,7 +29,10 @@ pub(super) struct Bundle {
     origin: [f64; 3],
     /// Per ray: x and y per unit of depth, and t per unit of depth.
     shear: [[f64; RAYS]; 3],
-    shear_f32: [[f32; RAYS]; 2],
+    /// Shear in the middle of the rectangle, and how each ray's differs from it, at most by `spread`.
+    centre: [f32; 2],
+    offset: [[f32; RAYS]; 2],
+    spread: [f32; 2],
     /// Per ray: depth (times `sign`) per unit of t.
     depth: [f64; RAYS],
     /// Depth times this is not negative.
@@ -52,7 +55,9 @@ impl Bundle {
             axes: [0, 1, 2],
             origin: [0.0; 3],
             shear: [[0.0; RAYS]; 3],
-            shear_f32: [[0.0; RAYS]; 2],
+            centre: [0.0; 2],
+            offset: [[0.0; RAYS]; 2],
+            spread: [0.0; 2],
             depth: [0.0; RAYS],
             sign: 1.0,
             sides: [[0.0; 2]; 2],
@@ -109,9 +114,14 @@ impl Bundle {
             for i in count..RAYS {
                 shear[i] = shear[0];
             }
+            let centre = (low * 0.5 + high * 0.5) as f32;
+            let (mut spread, offset) = (0.0, &mut bundle.offset[side]);
             for i in 0..RAYS {
-                bundle.shear_f32[side][i] = shear[i] as f32;
+                offset[i] = (shear[i] - f64::from(centre)) as f32;
+                spread = if offset[i].abs() > spread { offset[i].abs() } else { spread };
             }
+            bundle.centre[side] = centre;
+            bundle.spread[side] = spread * (1.0 + 2.0 * f32::EPSILON);
             let ends = if bundle.sign < 0.0 { [-high, -low] } else { [low, high] };
             bundle.sides[side] = [ends[0] as f32, ends[1] as f32];
         }
@@ -162,77 +172,71 @@ impl Bundle {
     #[inline(always)]
     pub(super) fn trace<S: Simd>(&mut self, simd: S, tree: &Tree, instance: u64, stack: &mut Stack) {
         let pyramid = Pyramid::new(self);
-        let stack = &mut stack.0;
-        let mut limit = f32::INFINITY;
-        let (mut height, mut current) = (0, 0);
+        let mut place = Place::root(f32::INFINITY);
         loop {
-            if current & BLOCK == 0 {
-                let Some(node) = tree.nodes.get(current as usize) else { return };
-                let (mut hits, depths) = pyramid.boxes(simd, node, limit);
-                let base = height;
-                while hits != 0 {
-                    let lane = hits.trailing_zeros() as usize & 7;
-                    hits &= hits - 1;
-                    let entry = u64::from(depths[lane].to_bits()) << 32 | u64::from(node.children[lane]);
-                    let mut at = height;
-                    while at > base && stack[(at - 1) & (STACK - 1)] < entry {
-                        stack[at & (STACK - 1)] = stack[(at - 1) & (STACK - 1)];
-                        at -= 1;
-                    }
-                    stack[at & (STACK - 1)] = entry;
-                    height += 1;
+            if let Some(index) = place.block() {
+                let Some(block) = tree.blocks.get(index) else { return };
+                if self.block(simd, block, place.limit, instance) {
+                    let load = |i: usize| f32x8::from_slice(simd, &self.limits[i * 8..i * 8 + 8]);
+                    place.limit = load(0).max(load(1)).max(load(2).max(load(3))).reduce_max();
                 }
             } else {
-                let Some(block) = tree.blocks.get((current & !BLOCK) as usize) else { return };
-                let mut lanes = pyramid.triangles(simd, block, limit);
-                let mut improved = false;
-                while lanes != 0 {
-                    let lane = lanes.trailing_zeros() as usize & 7;
-                    lanes &= lanes - 1;
-                    improved |= self.triangle(simd, block, lane, instance);
-                }
-                if improved {
-                    let load = |i: usize| f32x8::from_slice(simd, &self.limits[i * 8..i * 8 + 8]);
-                    limit = load(0).max(load(1)).max(load(2).max(load(3))).reduce_max();
+                let Some(node) = tree.nodes.get(place.current as usize) else { return };
+                let (hits, depths) = pyramid.boxes(simd, node, place.limit);
+                if hits != 0 {
+                    place.descend(node, hits, &depths, stack);
+                    continue;
                 }
             }
-            loop {
-                if height == 0 {
-                    return;
-                }
-                height -= 1;
-                let entry = stack[height & (STACK - 1)];
-                if f32::from_bits((entry >> 32) as u32) <= limit {
-                    current = entry as u32;
-                    break;
-                }
+            if !place.pop(stack) {
+                return;
             }
         }
     }
 
+    /// Eight triangles against all rays; whether a hit came nearer.
+    #[inline(always)]
+    fn block<S: Simd>(&mut self, simd: S, block: &Block, limit: f32, instance: u64) -> bool {
+        let edges = Edges::new(simd, self, block);
+        let mut lanes = edges.candidates(simd, self, limit);
+        if lanes == 0 {
+            return false;
+        }
+        let (edges, mut improved) = (edges.store(), false);
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize & 7;
+            lanes &= lanes - 1;
+            improved |= self.triangle(simd, block, &edges, lane, instance);
+        }
+        improved
+    }
+
     /// One triangle against all rays; whether a hit came nearer.
     #[inline(always)]
-    fn triangle<S: Simd>(&mut self, simd: S, block: &Block, lane: usize, instance: u64) -> bool {
-        let rows = each(|i| &block.corners[self.axes[i]]);
-        let corners = each(|corner| each(|i| rows[i][corner][lane]));
-        let key = instance << 32 | u64::from(block.ids[lane]);
+    fn triangle<S: Simd>(
+        &mut self,
+        simd: S,
+        block: &Block,
+        edges: &StoredEdges,
+        lane: usize,
+        instance: u64,
+    ) -> bool {
         let splat = |x: f32| f32x8::splat(simd, x);
-        let origin = each(|i| self.origin[i] as f32);
-        let local = each(|corner| each(|i| corners[corner][i] - origin[i]));
-        let nearest = local[0][2] * self.sign;
-        let nearest = nearest.min(local[1][2] * self.sign).min(local[2][2] * self.sign);
-        let [a, b, c] = each(|corner| each(|i| splat(local[corner][i])));
+        let rows = each(|i| &block.corners[self.axes[i]]);
+        let corners = each(|corner| each(|i| rows[i][corner][lane & 7]));
+        let key = instance << 32 | u64::from(block.ids[lane & 7]);
+        let [u, v, w] = each(|edge| each(|i| splat(edges.normals[edge][i][lane & 7])));
+        let (margin, nearest) = (splat(edges.margin[lane & 7]), splat(edges.nearest[lane & 7]));
         let mut improved = false;
         for group in 0..RAYS / 8 {
             let first = group * 8;
-            let sx = f32x8::from_slice(simd, &self.shear_f32[0][first..first + 8]);
-            let sy = f32x8::from_slice(simd, &self.shear_f32[1][first..first + 8]);
-            let (ax, ay) = (a[0] - sx * a[2], a[1] - sy * a[2]);
-            let (bx, by) = (b[0] - sx * b[2], b[1] - sy * b[2]);
-            let (cx, cy) = (c[0] - sx * c[2], c[1] - sy * c[2]);
-            let inside = may_contain(simd, [ax, ay, bx, by, cx, cy], self.error);
+            let x = f32x8::from_slice(simd, &self.offset[0][first..first + 8]);
+            let y = f32x8::from_slice(simd, &self.offset[1][first..first + 8]);
+            let side = |n: [f32x8<S>; 3]| n[0].mul_add(x, n[1].mul_add(y, n[2]));
+            let (u, v, w) = (side(u), side(v), side(w));
+            let inside = u.min(v).min(w).simd_ge(-margin) | u.max(v).max(w).simd_le(margin);
             let limits = f32x8::from_slice(simd, &self.limits[first..first + 8]);
-            let candidates = (inside & limits.simd_ge(splat(nearest))).to_bitmask() as usize;
+            let candidates = (inside & limits.simd_ge(nearest)).to_bitmask() as usize;
             let mut nearer = false;
             for half in 0..2 {
                 if candidates >> (half * 4) & 15 != 0 {
@@ -322,6 +326,86 @@ pub(super) fn may_contain<S: Simd>(
     u.min(v).min(w).simd_ge(-margin) | u.max(v).max(w).simd_le(margin)
 }
 
+/// Eight triangles as seen from the bundle's origin, sheared onto its middle ray: a ray's edge functions are linear in
+/// its offset from the middle, so that two multiplications each are left for every ray.
+///
+/// With r = |x| + |y| + σ|z| of a corner (sheared; σ the sum of the spreads, below 0.4) the error of an edge function of
+/// corners b and c is at most 1.4 ε(r_b + r_c) + 2.8 ε² for the coordinates' ε and 6·2⁻²⁴ r_b r_c for its own rounding.
+struct Edges<S: Simd> {
+    /// Per edge: per offset in x, per offset in y, on the middle ray.
+    normals: [[f32x8<S>; 3]; 3],
+    margin: f32x8<S>,
+    corners: [[f32x8<S>; 3]; 3],
+    /// Depths of the corners.
+    depths: [f32x8<S>; 3],
+}
+
+/// [`Edges`] to be read by lane.
+struct StoredEdges {
+    normals: [[[f32; 8]; 3]; 3],
+    margin: [f32; 8],
+    nearest: [f32; 8],
+}
+
+impl<S: Simd> Edges<S> {
+    #[inline(always)]
+    fn new(simd: S, bundle: &Bundle, block: &Block) -> Self {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let rows = each(|i| &block.corners[bundle.axes[i]]);
+        let origin = each(|i| splat(bundle.origin[i] as f32));
+        let (cx, cy) = (splat(bundle.centre[0]), splat(bundle.centre[1]));
+        let corners = each(|corner| {
+            let [x, y, z] = each(|i| f32x8::load_array_ref(simd, &rows[i][corner]) - origin[i]);
+            [x - cx * z, y - cy * z, z]
+        });
+        let [a, b, c] = corners;
+        let edge = |[cx, cy, cz]: [f32x8<S>; 3], [bx, by, bz]: [f32x8<S>; 3]| {
+            [cy * bz - cz * by, cz * bx - cx * bz, cx * by - cy * bx]
+        };
+        let spread = splat(bundle.spread[0] + bundle.spread[1]);
+        let reach = each(|i| corners[i][0].abs() + corners[i][1].abs() + corners[i][2].abs() * spread);
+        let reach = reach[0] + reach[1] + reach[2];
+        let error = splat(bundle.error);
+        let margin = reach * (error * 1.6 + reach * 1e-7) + error * error * 4.0;
+        let depths = each(|i| corners[i][2] * bundle.sign);
+        Self { normals: [edge(c, b), edge(a, c), edge(b, a)], margin, corners, depths }
+    }
+
+    /// Which triangles some ray may cross before the depth `limit`: no side of the pyramid, and no edge, has all of
+    /// the other beyond it.
+    #[inline(always)]
+    fn candidates(&self, simd: S, bundle: &Bundle, limit: f32) -> u32 {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let error = 2.0 * bundle.error;
+        let [a, b, c] = self.depths;
+        let mut hits = a.min(b).min(c).simd_le(splat(limit + error)) & a.max(b).max(c).simd_ge(splat(-error));
+        for side in 0..2 {
+            let spread = splat(bundle.spread[side]);
+            let [ax, bx, cx] = each(|corner| self.corners[corner][side]);
+            let low = a.mul_add(spread, ax).max(b.mul_add(spread, bx)).max(c.mul_add(spread, cx));
+            let high = (ax - a * spread).min(bx - b * spread).min(cx - c * spread);
+            hits = hits & low.simd_ge(splat(-error)) & high.simd_le(splat(error));
+        }
+        let (sx, sy) = (splat(bundle.spread[0]), splat(bundle.spread[1]));
+        let turn = |n: [f32x8<S>; 3]| n[0].abs() * sx + n[1].abs() * sy;
+        let [u, v, w] = self.normals;
+        let (du, dv, dw) = (turn(u), turn(v), turn(w));
+        let front = (u[2] + du).min(v[2] + dv).min(w[2] + dw).simd_ge(-self.margin);
+        let back = (u[2] - du).max(v[2] - dv).max(w[2] - dw).simd_le(self.margin);
+        (hits & (front | back)).to_bitmask() as u32
+    }
+
+    #[inline(always)]
+    fn store(&self) -> StoredEdges {
+        let [a, b, c] = self.depths;
+        StoredEdges {
+            normals: each(|edge| each(|i| self.normals[edge][i].to_array())),
+            margin: self.margin.to_array(),
+            nearest: a.min(b).min(c).to_array(),
+        }
+    }
+}
+
 /// The four sides of the pyramid as `across − slope · depth`, compared with bounds that include the margin.
 struct Pyramid {
     /// Across, across, main.
@@ -387,29 +471,6 @@ impl Pyramid {
         let low = row(simd, depth, low).mul_add(splat(self.slopes[side][0]), row(simd, across, 1));
         let high = row(simd, depth, high).mul_add(splat(self.slopes[side][1]), row(simd, across, 0));
         low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
-    }
-
-    #[inline(always)]
-    fn side<S: Simd>(&self, simd: S, block: &Block, [az, bz, cz]: [f32x8<S>; 3], side: usize) -> mask32x8<S> {
-        let splat = |x: f32| f32x8::splat(simd, x);
-        let across = &block.corners[self.axes[side]];
-        let [ax, bx, cx] = each(|corner| f32x8::load_array_ref(simd, &across[corner]));
-        let (low, high) = (splat(self.slopes[side][0]), splat(self.slopes[side][1]));
-        let low = az.mul_add(low, ax).max(bz.mul_add(low, bx)).max(cz.mul_add(low, cx));
-        let high = az.mul_add(high, ax).min(bz.mul_add(high, bx)).min(cz.mul_add(high, cx));
-        low.simd_ge(splat(self.bounds[side][0])) & high.simd_le(splat(self.bounds[side][1]))
-    }
-
-    #[inline(always)]
-    fn triangles<S: Simd>(&self, simd: S, block: &Block, limit: f32) -> u32 {
-        let splat = |x: f32| f32x8::splat(simd, x);
-        let depth = &block.corners[self.axes[2]];
-        let depths = each(|corner| f32x8::load_array_ref(simd, &depth[corner]));
-        let [a, b, c] = each(|i| depths[i] * splat(self.sign) - splat(self.origin));
-        let near = a.min(b).min(c).simd_le(splat(limit + self.error));
-        let far = a.max(b).max(c).simd_ge(splat(-self.error));
-        (self.side(simd, block, depths, 0) & self.side(simd, block, depths, 1) & near & far).to_bitmask()
-            as u32
     }
 }
 

@@ -70,7 +70,7 @@ impl Best {
 pub(super) struct Stack(pub(super) [u64; STACK]);
 
 impl Stack {
-    pub(super) fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self([0; STACK])
     }
 }
@@ -187,45 +187,59 @@ pub(super) fn trace<S: Simd, const ANY: bool>(
     stack: &mut Stack,
     best: &mut Best,
 ) {
-    let stack = &mut stack.0;
-    let mut limit = walk.limit(if best.t < ray.t_max { best.t } else { ray.t_max });
-    let mut height = 0;
-    let mut current = 0;
-    loop {
-        if current & BLOCK == 0 {
-            let Some(node) = tree.nodes.get(current as usize) else { return };
-            let (mut hits, distances) = boxes(simd, node, walk, limit);
+    let mut place = Place::start(walk, ray, best);
+    while place.step::<S, ANY>(simd, tree, ray, walk, instance, stack, best) {}
+}
+
+/// Where a ray or a bundle is in the tree.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    pub(super) current: u32,
+    height: usize,
+    /// Walk distance beyond which nothing is of interest.
+    pub(super) limit: f32,
+}
+
+impl Place {
+    #[inline(always)]
+    pub(super) fn start(walk: &Walk, ray: &Sheared, best: &Best) -> Self {
+        let limit = walk.limit(if best.t < ray.t_max { best.t } else { ray.t_max });
+        Self::root(limit)
+    }
+
+    #[inline(always)]
+    pub(super) fn root(limit: f32) -> Self {
+        Self { current: 0, height: 0, limit }
+    }
+
+    /// The block that is to be visited, unless it is a node.
+    #[inline(always)]
+    pub(super) fn block(&self) -> Option<usize> {
+        (self.current & BLOCK != 0).then_some((self.current & !BLOCK) as usize)
+    }
+
+    /// Visits one node or block; false when the ray is through.
+    #[inline(always)]
+    pub(super) fn step<S: Simd, const ANY: bool>(
+        &mut self,
+        simd: S,
+        tree: &Tree,
+        ray: &Sheared,
+        walk: &Walk,
+        instance: u64,
+        stack: &mut Stack,
+        best: &mut Best,
+    ) -> bool {
+        if self.current & BLOCK == 0 {
+            let Some(node) = tree.nodes.get(self.current as usize) else { return false };
+            let (hits, distances) = boxes(simd, node, walk, self.limit);
             if hits != 0 {
-                let first = hits.trailing_zeros() as usize & 7;
-                hits &= hits - 1;
-                if hits == 0 {
-                    current = node.children[first];
-                    continue;
-                }
-                let entry =
-                    |lane: usize| u64::from(distances[lane].to_bits()) << 32 | u64::from(node.children[lane]);
-                let mut nearest = entry(first);
-                let base = height;
-                while hits != 0 {
-                    let next = entry(hits.trailing_zeros() as usize & 7);
-                    hits &= hits - 1;
-                    let farther = nearest.max(next);
-                    nearest = nearest.min(next);
-                    // Insertion sort of what waits.
-                    let mut at = height;
-                    while at > base && stack[(at - 1) & (STACK - 1)] < farther {
-                        stack[at & (STACK - 1)] = stack[(at - 1) & (STACK - 1)];
-                        at -= 1;
-                    }
-                    stack[at & (STACK - 1)] = farther;
-                    height += 1;
-                }
-                current = nearest as u32;
-                continue;
+                self.descend(node, hits, &distances, stack);
+                return true;
             }
         } else {
-            let Some(block) = tree.blocks.get((current & !BLOCK) as usize) else { return };
-            let mut lanes = triangles(simd, block, walk, limit);
+            let Some(block) = tree.blocks.get((self.current & !BLOCK) as usize) else { return false };
+            let mut lanes = triangles(simd, block, walk, self.limit);
             while lanes != 0 {
                 let lane = lanes.trailing_zeros() as usize & 7;
                 lanes &= lanes - 1;
@@ -235,23 +249,57 @@ pub(super) fn trace<S: Simd, const ANY: bool>(
                     && best.offer(instance << 32 | u64::from(block.ids[lane]), &hit)
                 {
                     if ANY {
-                        return;
+                        return false;
                     }
-                    limit = walk.limit(hit.t);
+                    self.limit = walk.limit(hit.t);
                 }
             }
         }
-        loop {
-            if height == 0 {
-                return;
+        self.pop(stack)
+    }
+
+    /// Goes to the nearest of the children that are hit and leaves the others on the stack.
+    #[inline(always)]
+    pub(super) fn descend(&mut self, node: &Node, mut hits: u32, distances: &[f32; 8], stack: &mut Stack) {
+        let first = hits.trailing_zeros() as usize & 7;
+        hits &= hits - 1;
+        if hits == 0 {
+            self.current = node.children[first];
+            return;
+        }
+        let stack = &mut stack.0;
+        let entry = |lane: usize| u64::from(distances[lane].to_bits()) << 32 | u64::from(node.children[lane]);
+        let mut nearest = entry(first);
+        let base = self.height;
+        while hits != 0 {
+            let next = entry(hits.trailing_zeros() as usize & 7);
+            hits &= hits - 1;
+            let farther = nearest.max(next);
+            nearest = nearest.min(next);
+            // Insertion sort of what waits.
+            let mut at = self.height;
+            while at > base && stack[(at - 1) & (STACK - 1)] < farther {
+                stack[at & (STACK - 1)] = stack[(at - 1) & (STACK - 1)];
+                at -= 1;
             }
-            height -= 1;
-            let entry = stack[height & (STACK - 1)];
-            if f32::from_bits((entry >> 32) as u32) <= limit {
-                current = entry as u32;
-                break;
+            stack[at & (STACK - 1)] = farther;
+            self.height += 1;
+        }
+        self.current = nearest as u32;
+    }
+
+    /// Goes to the nearest of what waits; false when nothing of interest does.
+    #[inline(always)]
+    pub(super) fn pop(&mut self, stack: &Stack) -> bool {
+        while self.height != 0 {
+            self.height -= 1;
+            let entry = stack.0[self.height & (STACK - 1)];
+            if f32::from_bits((entry >> 32) as u32) <= self.limit {
+                self.current = entry as u32;
+                return true;
             }
         }
+        false
     }
 }
 
