@@ -78,6 +78,15 @@ impl Random {
         ((u128::from(self.bits()) * u128::from(n)) >> 64) as u64
     }
 
+    /// The generator number `index` of a family, for example one per object: what it gives does not depend on the others, nor
+    /// on how far this one has gone when all are taken from a fresh one.
+    #[must_use]
+    pub fn stream(&self, index: u64) -> Self {
+        // Two rounds of mixing keep neighbouring indices apart.
+        let mixed = |n: u64| mix(n.wrapping_add(GOLDEN));
+        Self { state: mixed(self.state ^ mixed(index ^ 0x5bf0_3635)) }
+    }
+
     /// Another generator, whose numbers have nothing to do with those that this one goes on to give.
     #[must_use]
     pub fn fork(&mut self) -> Self {

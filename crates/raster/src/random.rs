@@ -1,43 +1,39 @@
-//! The generators' random numbers: SplitMix64 (Steele, Lea and Flood 2014), seeded, the same on every machine.
+//! The generators' random numbers: seeded, the same on every machine.
 
+use farsight_geometry::sampling;
 use glam::Vec3;
 
-/// A stream of pseudo-random numbers.
+/// A stream of pseudo-random numbers, in the forms that scene generators want.
 #[derive(Clone, Debug)]
 pub struct Random {
-    state: u64,
+    bits: sampling::Random,
 }
 
 /// Scrambles a number; neighbours give unrelated results.
 pub(crate) fn mix(n: u64) -> u64 {
-    let n = n.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let n = (n ^ (n >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let n = (n ^ (n >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    n ^ (n >> 31)
+    sampling::Random::new(n).bits()
 }
 
 impl Random {
     /// The stream of a seed.
     pub fn new(seed: u64) -> Self {
-        Self { state: mix(seed) }
+        Self { bits: sampling::Random::new(mix(seed)) }
     }
 
     /// An independent stream, for example one per building: what it gives does not depend on its siblings.
     #[must_use]
     pub fn fork(&self, index: u64) -> Self {
-        Self::new(self.state ^ mix(index ^ 0x5bf0_3635))
+        Self { bits: self.bits.stream(index) }
     }
 
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
-        let out = mix(self.state);
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        out
+        self.bits.bits()
     }
 
     /// Uniform in [0, 1).
     pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+        self.bits.unit()
     }
 
     /// Uniform in [low, high).
