@@ -53,7 +53,7 @@ impl<'a> Scope<'a> {
         Self { lit_outside: true, ..self }
     }
 
-    fn check(&self) -> Result<(), ShadowError> {
+    pub(crate) fn check(&self) -> Result<(), ShadowError> {
         let near = self.camera.near();
         if !(self.shadow_far <= MAX_COORDINATE && self.shadow_far > near) {
             return Err(ShadowError::Far { far: self.shadow_far, near });

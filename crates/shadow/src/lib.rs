@@ -17,17 +17,25 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod cascades;
+mod error;
 mod focus;
 mod light;
+mod matrix;
 mod minimax;
+mod point;
 mod skip;
 mod stable;
 mod warp;
 
+pub use cascades::{Cascade, CascadePlan, least_cascades, log_splits, plan_cascades};
+pub use error::{Spacing, Texel};
 pub use farsight_geometry;
 pub use focus::{Focus, Scope, Skip};
 pub use glam;
 pub use light::{CubeFace, LightAxes, ShadowLight};
+pub use matrix::camera_from_matrix;
+pub use point::{PointFocus, PointLight};
 pub use warp::{MapOptions, ShadowView, Warp};
 
 use glam::DVec3;
@@ -81,4 +89,10 @@ pub enum ShadowError {
     /// The map has no texels.
     #[error("a shadow map needs at least one texel")]
     MapSide,
+    /// A matrix is not that of a perspective camera.
+    #[error("no camera has this matrix: {reason}")]
+    Matrix {
+        /// What is wrong with it.
+        reason: &'static str,
+    },
 }
