@@ -101,6 +101,8 @@ pub struct Focus {
     /// Box of the receivers in light space, grown to a usable size.
     pub(crate) footprint: DAabb,
     pub(crate) inflation: f64,
+    /// Stronger warps than this would be finer than `f32` coordinates.
+    pub(crate) kappa_most: f64,
     pub(crate) pixels_per_unit: f64,
     /// Sine of the angle between view and light.
     pub(crate) sin_gamma: f64,
@@ -254,18 +256,34 @@ impl Focus {
     }
 
     fn grow_footprint(&mut self, map_side: u32) {
-        // The grain of f32 products at the corners, in light space: that of a coordinate relative to the eye, and of the light's
-        // own offset.
-        let offset = [self.space.x.w, self.space.z.w].map(f64::abs).into_iter().fold(0.0, f64::max);
-        let grain = |(p, c): (&DVec3, &Corner)| {
-            let h = self.space.h.dot(p.extend(1.0));
-            (p.abs().max_element() + offset) / h + in_plane(c.q).abs().max_element()
-        };
-        let reach = self.points.iter().zip(&self.receivers).map(grain).fold(0.0, f64::max);
+        let reach = self.reaches().fold(0.0, f64::max);
         let least = f64::from(map_side) * f64::from(f32::EPSILON) * reach.max(f64::from(f32::MIN_POSITIVE));
         let missing = (DVec3::splat(least) - self.footprint.extent()).max(DVec3::ZERO) * 0.5;
         self.inflation = missing.x.max(missing.z);
         self.footprint = DAabb::new(self.footprint.min - missing, self.footprint.max + missing);
+        self.kappa_most = self.strongest(map_side);
+    }
+
+    /// For each corner, the size of the terms in light space that add up to its position: what `f32` rounding is relative to.
+    fn reaches(&self) -> impl Iterator<Item = f64> + '_ {
+        let s = &self.space;
+        let offset = s.x.w.abs().max(s.z.w.abs());
+        self.points.iter().zip(&self.receivers).map(move |(p, c)| {
+            let h = s.h.dot(p.extend(1.0));
+            let q = in_plane(c.q).abs().max_element();
+            let p = p.abs().max_element();
+            // Parallel light has no h but 1; that of a spot is rounded like the rest.
+            let of_h = if s.h.truncate() == DVec3::ZERO { 1.0 } else { (p + s.h.w.abs()) / h };
+            (p + offset) / h + q * of_h
+        })
+    }
+
+    /// The κ up to which `f32` rounding of κ·u, relative to w, moves no corner by more than about half a texel.
+    fn strongest(&self, map_side: u32) -> f64 {
+        let share = 2.0 * f64::from(f32::EPSILON) * f64::from(map_side);
+        let near = self.footprint.min.z;
+        let limits = self.reaches().zip(&self.receivers).map(|(reach, c)| share * reach - (c.q.z - near));
+        1.0 / limits.fold(0.0, f64::max).max(f64::MIN_POSITIVE)
     }
 
     /// The axes of light space; `None` before the first use.

@@ -10,6 +10,8 @@ pub(crate) struct Fit<'a> {
     pub d: f64,
     /// Least extent across.
     least_across: f64,
+    /// Strongest warp.
+    most: f64,
 }
 
 /// The largest terms over the corners for one κ.
@@ -25,7 +27,13 @@ struct Largest {
 impl<'a> Fit<'a> {
     pub fn new(focus: &'a Focus) -> Self {
         let extent = focus.footprint.extent();
-        Self { corners: &focus.receivers, near: focus.footprint.min.z, d: extent.z, least_across: extent.x }
+        Self {
+            corners: &focus.receivers,
+            near: focus.footprint.min.z,
+            d: extent.z,
+            least_across: extent.x,
+            most: focus.kappa_most,
+        }
     }
 
     fn largest(&self, kappa: f64) -> Largest {
@@ -81,7 +89,8 @@ impl<'a> Fit<'a> {
         // From where w differs by 1 % across the receivers to where the near end is a million times finer.
         const FIRST: f64 = -6.0;
         const STEP: f64 = 26.0 / COARSE as f64;
-        let value = |log: f64| self.worst_texel(log.exp2() / self.d);
+        let kappa = |log: f64| (log.exp2() / self.d).min(self.most);
+        let value = |log: f64| self.worst_texel(kappa(log));
         let scan: [f64; COARSE + 1] = std::array::from_fn(|i| value(FIRST + STEP * i as f64));
         let lowest = (0..=COARSE).fold(0, |best, i| if scan[i] < scan[best] { i } else { best });
         let refine = |i: usize| {
@@ -89,7 +98,7 @@ impl<'a> Fit<'a> {
             let log = golden_section(middle - STEP, middle + STEP, value);
             let refined = value(log);
             let (log, refined) = if refined < scan[i] { (log, refined) } else { (middle, scan[i]) };
-            (log.exp2() / self.d, refined)
+            (kappa(log), refined)
         };
         let mut best = refine(lowest);
         if before > 0.0 {

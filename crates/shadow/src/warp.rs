@@ -37,7 +37,7 @@ pub enum Warp {
     /// The κ with the least worst texel over the receivers, if it gains enough over κ = 0.
     #[default]
     Minimax,
-    /// This κ, per unit of light space.
+    /// This κ, per unit of light space; as all rules, up to where texels would be finer than `f32` coordinates.
     Kappa(f64),
 }
 
@@ -230,8 +230,7 @@ impl Focus {
             Warp::LeastProduct => sin_gamma * ((far / near).powf(2.0 / 3.0) - 1.0) / (far - near),
             Warp::Kappa(kappa) => kappa,
         };
-        // Stronger warps than this give all texels but one to a millionth of the receivers.
-        if kappa > 0.0 { kappa.min(1e6 / d) } else { 0.0 }
+        if kappa > 0.0 { kappa.min(self.kappa_most) } else { 0.0 }
     }
 
     /// Highest y, and the largest (top − y)/w over casters and receivers, with a margin.
@@ -384,8 +383,9 @@ mod tests {
                 continue;
             }
             let fit = Fit::new(&focus);
-            let brute =
-                (0..20_000).map(|k| fit.worst_texel((-12.0 + 36.0 * f64::from(k) / 2e4).exp2() / fit.d));
+            let brute = (0..20_000).map(|k| {
+                fit.worst_texel(((-12.0 + 36.0 * f64::from(k) / 2e4).exp2() / fit.d).min(focus.kappa_most))
+            });
             let brute = brute.fold(fit.worst_texel(0.0), f64::min);
             let (_, found) = fit.least_worst(0.0);
             worst = worst.max(found / brute);

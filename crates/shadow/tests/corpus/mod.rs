@@ -56,10 +56,12 @@ pub struct Outcome {
     pub outside: u64,
     /// Points whose place in the map, depth or monotony along the light is wrong.
     pub wrong_rays: u64,
-    /// Largest distance in texels of a 4096 map between the place of a point in `f32` (matrix and point rounded) and in `f64`, in maps
-    /// whose worst and best texels in light space differ by at most 1e3, and in all.
-    pub shift_mild: f64,
+    /// Largest distance in texels of a 4096 map between the place of a point in `f32` (matrix and point rounded) and in `f64`.
     pub shift: f64,
+    /// The same where a texel spans at least 400 steps of `f32` coordinates, so that they could be better than 0.01 texel.
+    pub shift_resolved: f64,
+    /// Points of the latter kind.
+    pub resolved: u64,
 }
 
 impl Outcome {
@@ -70,8 +72,9 @@ impl Outcome {
             not_finite: self.not_finite + other.not_finite,
             outside: self.outside + other.outside,
             wrong_rays: self.wrong_rays + other.wrong_rays,
-            shift_mild: self.shift_mild.max(other.shift_mild),
             shift: self.shift.max(other.shift),
+            shift_resolved: self.shift_resolved.max(other.shift_resolved),
+            resolved: self.resolved + other.resolved,
         }
     }
 }
@@ -211,7 +214,6 @@ fn judge(focus: &Focus, view: &ShadowView, s: &Setup, outcome: &mut Outcome) {
         outcome.not_finite += 1;
         return;
     }
-    let mild = strength(focus, view) <= 1e3;
     let ray = |p: DVec3| match s.light {
         ShadowLight::Spot { position, .. } => p + view.origin - position,
         ShadowLight::Directional { direction } => direction,
@@ -229,8 +231,9 @@ fn judge(focus: &Focus, view: &ShadowView, s: &Setup, outcome: &mut Outcome) {
             continue;
         }
         outcome.shift = outcome.shift.max(shift);
-        if mild {
-            outcome.shift_mild = outcome.shift_mild.max(shift);
+        if steps_per_texel(view, p, &s.light) >= 500.0 {
+            outcome.resolved += 1;
+            outcome.shift_resolved = outcome.shift_resolved.max(shift);
         }
         // A little farther along the ray: the same place, farther from the light.
         let direction = ray(p);
@@ -244,19 +247,26 @@ fn judge(focus: &Focus, view: &ShadowView, s: &Setup, outcome: &mut Outcome) {
     }
 }
 
-/// Ratio of the largest to the smallest w over the corners, per distance from a spot: how much the warp magnifies.
-fn strength(focus: &Focus, view: &ShadowView) -> f64 {
-    1.0 + view.kappa * focus.extent().y
+/// How many steps of `f32` coordinates (of a point relative to the eye, or to a spot light) a texel spans.
+fn steps_per_texel(view: &ShadowView, p: DVec3, light: &ShadowLight) -> f64 {
+    let offset = match *light {
+        ShadowLight::Spot { position, .. } => (position - view.origin).abs().max_element(),
+        _ => 0.0,
+    };
+    let Some([s, t]) = view.gradients(view.origin + p) else { return 0.0 };
+    let step = f64::from(f32::EPSILON) * (p.abs().max_element() + offset);
+    1.0 / (s.length().max(t.length()) * 4096.0 * step)
 }
 
-/// |det| over the product of the rows' lengths: zero for a singular matrix, whatever its units.
+/// |det| after rows and columns were brought to unit length: zero for a singular matrix, whatever its units.
 fn normalised_determinant(m: &DMat4) -> f64 {
-    // Bring columns to comparable units first: lengths and offsets differ by the scene's size.
-    let t = m.transpose();
-    let w = t.w_axis.truncate().length() + t.x_axis.truncate().length() + t.y_axis.truncate().length();
-    let scale = t.w_axis.w.abs().max(1e-300) / w.max(1e-300);
-    let scaled = *m * DMat4::from_scale(DVec3::splat(scale));
-    let rows = scaled.transpose();
-    let lengths = rows.x_axis.length() * rows.y_axis.length() * rows.z_axis.length() * rows.w_axis.length();
-    scaled.determinant().abs() / lengths
+    let unit_columns = |m: DMat4| {
+        let unit = |c: DVec4| c / c.length().max(1e-300);
+        DMat4::from_cols(unit(m.x_axis), unit(m.y_axis), unit(m.z_axis), unit(m.w_axis))
+    };
+    let mut m = *m;
+    for _ in 0..4 {
+        m = unit_columns(unit_columns(m).transpose()).transpose();
+    }
+    m.determinant().abs()
 }
