@@ -23,6 +23,7 @@ mod focus;
 mod light;
 mod matrix;
 mod minimax;
+pub mod penumbra;
 mod point;
 mod skip;
 mod stable;

@@ -58,7 +58,7 @@ pub struct Outcome {
     pub wrong_rays: u64,
     /// Largest distance in texels of a 4096 map between the place of a point in `f32` (matrix and point rounded) and in `f64`.
     pub shift: f64,
-    /// The same where a texel spans at least 400 steps of `f32` coordinates, so that they could be better than 0.01 texel.
+    /// The same where a texel spans at least 1000 steps of `f32` coordinates, so that they could be better than 0.01 texel.
     pub shift_resolved: f64,
     /// Points of the latter kind.
     pub resolved: u64,
@@ -231,7 +231,7 @@ fn judge(focus: &Focus, view: &ShadowView, s: &Setup, outcome: &mut Outcome) {
             continue;
         }
         outcome.shift = outcome.shift.max(shift);
-        if steps_per_texel(view, p, &s.light) >= 500.0 {
+        if steps_per_texel(view, p, &s.light) >= 1000.0 {
             outcome.resolved += 1;
             outcome.shift_resolved = outcome.shift_resolved.max(shift);
         }
@@ -250,11 +250,11 @@ fn judge(focus: &Focus, view: &ShadowView, s: &Setup, outcome: &mut Outcome) {
 /// How many steps of `f32` coordinates (of a point relative to the eye, or to a spot light) a texel spans.
 fn steps_per_texel(view: &ShadowView, p: DVec3, light: &ShadowLight) -> f64 {
     let offset = match *light {
-        ShadowLight::Spot { position, .. } => (position - view.origin).abs().max_element(),
+        ShadowLight::Spot { position, .. } => (position - view.origin).abs().element_sum(),
         _ => 0.0,
     };
     let Some([s, t]) = view.gradients(view.origin + p) else { return 0.0 };
-    let step = f64::from(f32::EPSILON) * (p.abs().max_element() + offset);
+    let step = f64::from(f32::EPSILON) * (p.abs().element_sum() + offset);
     1.0 / (s.length().max(t.length()) * 4096.0 * step)
 }
 
