@@ -215,8 +215,8 @@ fn judge(focus: &Focus, view: &ShadowView, s: &Setup, outcome: &mut Outcome) {
         return;
     }
     let ray = |p: DVec3| match s.light {
-        ShadowLight::Spot { position, .. } => p + view.origin - position,
-        ShadowLight::Directional { direction } => direction,
+        ShadowLight::Spot { position, .. } => p - (position - view.origin),
+        ShadowLight::Directional { direction } => direction * s.far,
         _ => unreachable!("no other lights"),
     };
     for &p in focus.corners() {
@@ -236,9 +236,7 @@ fn judge(focus: &Focus, view: &ShadowView, s: &Setup, outcome: &mut Outcome) {
             outcome.shift_resolved = outcome.shift_resolved.max(shift);
         }
         // A little farther along the ray: the same place, farther from the light.
-        let direction = ray(p);
-        let step = direction * (1e-3 * (1.0 + p.length()) / direction.length());
-        let next: DVec4 = view.clip_from_relative * (p + step).extend(1.0);
+        let next: DVec4 = view.clip_from_relative * (p + ray(p) * 1e-3).extend(1.0);
         let next_place = next / next.w;
         let moved = (next_place.x - a.x).abs().max((next_place.y - a.y).abs()) * 2048.0;
         let (near, far) = s.options.convention.near_far_depth();
