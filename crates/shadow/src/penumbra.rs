@@ -3,9 +3,11 @@
 //! | question | answer |
 //! |---|---|
 //! | how wide is the penumbra? | [`width`] |
+//! | where can it be? | [`quads`] |
 //! | how much of the light is seen? | [`coverage`] |
 //! | how coarse may a caster be? | [`caster`] |
 
 pub mod caster;
 pub mod coverage;
+pub mod quads;
 pub mod width;
