@@ -6,7 +6,7 @@ use farsight_geometry::hard_cases::{light_directions, meshes, views};
 use farsight_geometry::ray::SceneCaster;
 use farsight_geometry::{DAabb, RayCaster, Scene};
 use farsight_raster::{Outputs, Rasteriser, RenderOptions, render_scene};
-use farsight_shadow::{Focus, MapOptions};
+use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight};
 
 #[test]
 fn every_hard_mesh_renders_under_every_hard_view() {
@@ -75,13 +75,14 @@ fn shadow_maps_of_every_hard_mesh_view_and_light_hold_their_receivers() {
                 let far = view.camera.near().abs().max(1e-30) * 1e6;
                 let far = if view.camera.far().is_finite() { view.camera.far() } else { far };
                 let name = format!("{} / {} / {light_name}", hard.name, view.name);
-                let skip =
-                    focus.directional(&view.camera, far, direction, &[bounds], &[bounds], 1024).expect(&name);
+                let boxes = [bounds];
+                let scope = Scope::new(&view.camera, far, &boxes, &boxes, 1024);
+                let skip = focus.fit(&ShadowLight::directional(direction), &scope).expect(&name);
                 if skip.is_some() {
                     continue;
                 }
                 fitted += 1;
-                let map = focus.map(&MapOptions::new(1024), false);
+                let map = focus.map(&MapOptions::new(1024), None);
                 assert!(map.clip_from_relative.is_finite(), "{name}");
                 assert_receivers_inside(&map, &view.camera, &bounds, far, &name);
             }

@@ -8,7 +8,7 @@ use farsight_raster::{
     Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, Target, mip_maps,
     relative_from_mesh, render_scene,
 };
-use farsight_shadow::{Focus, MapOptions, ShadowView, Skip};
+use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Skip};
 use std::error::Error;
 use std::time::{Duration, Instant};
 
@@ -40,7 +40,7 @@ pub struct Renderer<'a> {
     textures: Vec<MipMap>,
     rasteriser: Rasteriser,
     focus: Focus,
-    warped: bool,
+    previous: Option<ShadowView>,
     options: RenderOptions<'a>,
     map_side: u32,
 }
@@ -58,7 +58,7 @@ impl<'a> Renderer<'a> {
             textures: mip_maps(scene),
             rasteriser: Rasteriser::new(),
             focus: Focus::new(),
-            warped: false,
+            previous: None,
             options,
             map_side,
         })
@@ -96,19 +96,14 @@ impl<'a> Renderer<'a> {
         let seen = Frustum::from_camera(camera);
         self.receivers.clear();
         self.hierarchy.frustum(&seen, |object, _| self.receivers.push(self.bounds[object as usize]));
-        let skip = self.focus.directional(
-            camera,
-            farthest * 1.001,
-            direction,
-            &self.receivers,
-            &[scene_box],
-            self.map_side,
-        )?;
+        let casters = [scene_box];
+        let scope = Scope::new(camera, farthest * 1.001, &self.receivers, &casters, self.map_side);
+        let skip = self.focus.fit(&ShadowLight::directional(direction), &scope)?;
         if let Some(skip) = skip {
             return Ok(Some(Err(skip)));
         }
-        let view = self.focus.map(&MapOptions::new(self.map_side), self.warped);
-        self.warped = view.kappa > 0.0;
+        let view = self.focus.map(&MapOptions::new(self.map_side), self.previous.as_ref());
+        self.previous = Some(view);
         let mut map = ShadowMap::new(
             self.map_side,
             view.clip_from_relative,

@@ -8,9 +8,11 @@
 //!
 //! where `d` is the extent of the receivers along the axis. κ = 0 is the uniform focus, κ = 1/n the light space perspective
 //! shadow map of Wimmer 2007 (ch. 3) with its parameter n; in this form the uniform map needs no case of its own and nothing
-//! is divided by the sine of an angle that may vanish.
+//! is divided by the sine of an angle that may vanish. For a spot light x, y, u are those after its own projection.
 
-use crate::Focus;
+use crate::focus::Focus;
+use crate::light::{LightAxes, LightSpace};
+use crate::minimax::Fit;
 use farsight_geometry::ClipConvention;
 use farsight_geometry::accuracy::{ErrorBound, Unit};
 use glam::{DMat4, DVec3, DVec4, Mat4};
@@ -21,6 +23,9 @@ use glam::{DMat4, DVec3, DVec4, Mat4};
 pub enum Warp {
     /// κ = 0: equal texels everywhere.
     Uniform,
+    /// κ = 0, a size that does not depend on where the camera looks, and a position in whole texels: shadows do not crawl.
+    /// Parallel light only; other lights get [`Warp::Uniform`].
+    Stable,
     /// n = near distance: perspective shadow maps (baseline).
     Perspective,
     /// n = zn + √(zn·zf), over sin γ when the light is tilted (Wimmer 2007, 3.4.3 and 3.4.4).
@@ -32,11 +37,11 @@ pub enum Warp {
     /// The κ with the least worst texel over the receivers, if it gains enough over κ = 0.
     #[default]
     Minimax,
-    /// This κ, per world unit.
+    /// This κ, per unit of light space; as all rules, up to where texels would be finer than `f32` coordinates.
     Kappa(f64),
 }
 
-/// Texels kept free along each side of the map, so that filters and `f32` rounding stay inside.
+/// Size, filter border, warp and conventions of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct MapOptions {
@@ -46,7 +51,7 @@ pub struct MapOptions {
     pub warp: Warp,
     /// Clip space of the result.
     pub convention: ClipConvention,
-    /// Free texels along each side.
+    /// Texels kept free along each side, so that filters and `f32` rounding stay inside.
     pub border: f64,
     /// [`Warp::Minimax`] warps from this gain of the worst texel over the uniform map on ...
     pub gain_on: f64,
@@ -66,6 +71,29 @@ impl MapOptions {
             gain_off: 1.10,
         }
     }
+
+    /// The options with another warp.
+    #[must_use]
+    pub fn with_warp(self, warp: Warp) -> Self {
+        Self { warp, ..self }
+    }
+
+    /// The options for another clip space.
+    #[must_use]
+    pub fn with_convention(self, convention: ClipConvention) -> Self {
+        Self { convention, ..self }
+    }
+
+    /// The options with `border` free texels along each side.
+    #[must_use]
+    pub fn with_border(self, border: f64) -> Self {
+        Self { border, ..self }
+    }
+
+    /// Share of a side that is used; at least half, however wide the border.
+    fn inside(&self) -> f64 {
+        (1.0 - 2.0 * self.border.max(0.0) / f64::from(self.side.max(1))).max(0.5)
+    }
 }
 
 /// A shadow map's matrix and what it is worth.
@@ -75,12 +103,20 @@ pub struct ShadowView {
     pub origin: DVec3,
     /// Clip space from world coordinates minus `origin`. s grows with clip y, t with clip x.
     pub clip_from_relative: DMat4,
-    /// The warp's strength, per world unit.
+    /// The warp's strength, per unit of light space.
     pub kappa: f64,
-    /// Largest number of pixels that one texel covers on the screen, over all receivers in view, surfaces facing the light.
+    /// Largest number of pixels that one texel covers on the screen, over all receivers in view: the texel's extent
+    /// across the light (along the map's plane for a spot), over the distance ahead of the eye.
+    ///
+    /// [`Proven`](farsight_geometry::accuracy::Kind::Proven) where the proof holds (see [`Focus::map`]), else `Measured`:
+    /// the largest value at the receivers' corners.
     pub texel: ErrorBound,
     /// The same for κ = 0.
     pub texel_uniform: ErrorBound,
+    /// Texels on a side, and those along each side that are kept free.
+    pub side: u32,
+    /// Texels kept free along each side.
+    pub border: f64,
 }
 
 impl ShadowView {
@@ -93,188 +129,172 @@ impl ShadowView {
     pub fn gain(&self) -> f64 {
         self.texel_uniform.value / self.texel.value
     }
+
+    /// Side of the map at which no texel covers more than `pixels`; the same κ is assumed. Saturates at `u32::MAX`.
+    pub fn required_side(&self, pixels: f64) -> u32 {
+        let used = f64::from(self.side) - 2.0 * self.border;
+        (self.texel.value / pixels * used + 2.0 * self.border).ceil() as u32
+    }
 }
 
+/// Claims are rounded up by this share. The corners carry errors of a few ulp of their coordinates, which exceed their
+/// distance from the eye by at most the ratio of far to near; 1e-9 covers a ratio of 1e6.
+const ROUNDING: f64 = 1e-9;
+
 impl Focus {
-    /// The map for what was focused on. `warped` says whether the previous frame's map had κ > 0 (hysteresis).
+    /// The map for what was fitted. `previous` is the last frame's map of this light: while it warps, the warp is kept until it
+    /// gains little, and among equally good ones (within 1 %) the strength nearest to it is taken, so that the map moves steadily.
     ///
     /// # Accuracy
-    /// The worst texel is attained at a corner of the receivers (for |κ·x| ≤ √2·w its extent is a convex function over a
-    /// linear one; beyond, dense sampling found no exception). [`Warp::Minimax`] is within 1 % of the least worst
-    /// texel and never above that of the uniform map.
+    /// The worst texel is attained at a corner of the receivers. Across, its extent is w over the eye's distance, a ratio of linear
+    /// functions. Along, it is w·√(w² + κ²x²) over that distance, which is convex where |κ·x| ≤ √2·w; its ratio to a positive
+    /// linear function is then quasi-convex, with its maximum over a convex body at a corner. When all corners satisfy the
+    /// condition, so does the body, and [`ShadowView::texel`] is proven; otherwise it is what the corners show, and a larger texel
+    /// between them is possible though dense sampling found none. [`Warp::Minimax`] is within 1 % of the least value at the corners
+    /// and never above that of the uniform map.
     ///
     /// # Cost
-    /// About 3 µs for `Minimax` over eight corners, 0.2 µs for the other rules.
+    /// About 2 µs for `Minimax` over eight corners, 0.2 µs for the other rules.
     ///
     /// # Panics
     /// When the focus is empty: it was not filled, or was skipped.
-    pub fn map(&self, options: &MapOptions, warped: bool) -> ShadowView {
-        let axes = self.axes.filter(|_| !self.receivers.is_empty()).expect("the focus holds receivers");
+    pub fn map(&self, options: &MapOptions, previous: Option<&ShadowView>) -> ShadowView {
+        assert!(!self.receivers.is_empty(), "the focus holds receivers");
+        if options.warp == Warp::Stable && self.is_directional() {
+            return self.stable(options);
+        }
         let fit = Fit::new(self);
         let kappa = match options.warp {
-            Warp::Minimax if !axes.from_view => 0.0,
-            Warp::Minimax => {
-                let (kappa, worst) = fit.least_worst();
-                let enough = if warped { options.gain_off } else { options.gain_on };
-                if fit.worst_texel(0.0) >= enough * worst { kappa } else { 0.0 }
-            }
+            Warp::Minimax => self.minimax(&fit, options, previous),
             rule => self.kappa_of(rule, fit.d),
         };
-        self.view(&fit, kappa, options)
+        let inside = options.inside();
+        let (low, across) = fit.across(kappa);
+        let window = Window {
+            space: self.space,
+            near: self.footprint.min.z,
+            along: fit.d,
+            low,
+            across,
+            kappa,
+            inside,
+            depth: self.depth_span(kappa),
+        };
+        // Pixels per texel: extent per unit of map, over texels per unit, times pixels per unit of image plane.
+        let pixels = self.pixels_per_unit / (f64::from(options.side) * inside);
+        let bound = |kappa| {
+            let value = fit.worst_texel(kappa) * pixels * (1.0 + ROUNDING);
+            if fit.corners_decide(kappa) {
+                ErrorBound::proven(value, Unit::Pixels)
+            } else {
+                ErrorBound::measured(value, Unit::Pixels)
+            }
+        };
+        self.view(window.matrix(options.convention), kappa, [bound(kappa), bound(0.0)], options)
+    }
+
+    pub(crate) fn view(
+        &self,
+        matrix: DMat4,
+        kappa: f64,
+        [texel, texel_uniform]: [ErrorBound; 2],
+        options: &MapOptions,
+    ) -> ShadowView {
+        let border = 0.5 * f64::from(options.side) * (1.0 - options.inside());
+        let (origin, side) = (self.origin, options.side);
+        ShadowView { origin, clip_from_relative: matrix, kappa, texel, texel_uniform, side, border }
+    }
+
+    fn minimax(&self, fit: &Fit, options: &MapOptions, previous: Option<&ShadowView>) -> f64 {
+        if !self.axes.is_some_and(|a| a.from_view) {
+            return 0.0;
+        }
+        let before = previous.map_or(0.0, |p| p.kappa);
+        let (kappa, worst) = fit.least_worst(before);
+        let enough = if before > 0.0 { options.gain_off } else { options.gain_on };
+        if fit.worst_texel(0.0) >= enough * worst { kappa } else { 0.0 }
     }
 
     /// κ of a closed rule, from the depths of the receivers and the angle of the light.
     fn kappa_of(&self, rule: Warp, d: f64) -> f64 {
-        let depths = self.eye_depths.iter().copied();
+        let depths = self.receivers.iter().map(|c| c.scale.recip());
         let (near, far) = depths.fold((f64::INFINITY, 0.0), |(lo, hi), z| (z.min(lo), z.max(hi)));
-        let sin_gamma = (1.0 - self.cos_gamma * self.cos_gamma).max(0.0).sqrt();
+        // A spot's depths are relative to the distance from the light; what turns them into lengths along the map's axis is
+        // the ratio of the extents rather than an angle.
+        let sin_gamma = if self.is_directional() { self.sin_gamma } else { (far - near) / d };
         let kappa = match rule {
-            Warp::Uniform | Warp::Minimax => 0.0,
+            Warp::Uniform | Warp::Stable | Warp::Minimax => 0.0,
             Warp::Perspective => sin_gamma / near,
             Warp::Paper => sin_gamma / (near + (near * far).sqrt()),
             Warp::PaperTilted => sin_gamma / (near + (near * (near + d * sin_gamma)).sqrt()),
             Warp::LeastProduct => sin_gamma * ((far / near).powf(2.0 / 3.0) - 1.0) / (far - near),
             Warp::Kappa(kappa) => kappa,
         };
-        if kappa.is_finite() && kappa > 0.0 { kappa } else { 0.0 }
+        if kappa > 0.0 { kappa.min(self.kappa_most) } else { 0.0 }
     }
 
-    fn view(&self, fit: &Fit, kappa: f64, options: &MapOptions) -> ShadowView {
-        let inside = 1.0 - 2.0 * options.border / f64::from(options.side);
-        // Pixels per texel: extent per unit of map, over texels per unit, times pixels per unit of image plane.
-        let pixels = self.pixels_per_unit / (f64::from(options.side) * inside);
-        let bound = |kappa| ErrorBound::estimated(fit.worst_texel(kappa) * pixels, Unit::Pixels);
-        ShadowView {
-            origin: self.origin,
-            clip_from_relative: self.matrix(fit, kappa, inside, options.convention),
-            kappa,
-            texel: bound(kappa),
-            texel_uniform: bound(0.0),
-        }
-    }
-
-    fn matrix(&self, fit: &Fit, kappa: f64, inside: f64, convention: ClipConvention) -> DMat4 {
-        let axes = self.axes.expect("the focus is filled");
-        let (low, extent) = fit.across(kappa);
+    /// Highest y, and the largest (top − y)/w over casters and receivers, with a margin.
+    pub(crate) fn depth_span(&self, kappa: f64) -> (f64, f64) {
         let near = self.footprint.min.z;
-        // Rows act on (x, y, z, 1) of light space. w = 1 + κ(z − near).
-        let w = DVec4::new(0.0, 0.0, kappa, 1.0 - kappa * near);
-        let centred = |row01: DVec4| (row01 * 2.0 - w) * inside;
-        let s = DVec4::new(0.0, 0.0, 1.0, -near) * ((1.0 + kappa * fit.d) / fit.d);
-        let t = (DVec4::X - w * low) / extent;
+        let all = || self.casters.iter().copied().chain(self.receivers.iter().map(|c| c.q));
+        let top = all().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max);
+        let span = all().map(|p| (top - p.y) / (1.0 + kappa * (p.z - near)).max(1.0)).fold(0.0, f64::max);
+        // A margin of a thousandth keeps the ends off the planes; a flat scene still needs a range.
+        let least = self.footprint.extent().y.max(1e-6 * top.abs()).max(f64::from(f32::MIN_POSITIVE));
+        let span = (span * 1.001).max(least);
+        (top + 5e-4 * span, span)
+    }
+
+    pub(crate) fn is_directional(&self) -> bool {
+        matches!(self.light, Some(crate::ShadowLight::Directional { .. }))
+    }
+}
+
+/// What part of light space the map shows, and how.
+pub(crate) struct Window {
+    pub space: LightSpace,
+    /// Where it begins along the warp axis, and how far it reaches.
+    pub near: f64,
+    pub along: f64,
+    /// Where x/w begins, and how far it reaches.
+    pub low: f64,
+    pub across: f64,
+    pub kappa: f64,
+    /// Share of the map that it fills, in the middle.
+    pub inside: f64,
+    /// Highest y and the extent of y/w.
+    pub depth: (f64, f64),
+}
+
+impl Window {
+    pub fn matrix(&self, convention: ClipConvention) -> DMat4 {
+        let LightSpace { x, y, z, h } = self.space;
+        let kappa = self.kappa;
+        let u = z - h * self.near;
+        let w = h + u * kappa;
+        let centred = |row01: DVec4| (row01 * 2.0 - w) * self.inside;
+        let s = u * ((1.0 + kappa * self.along) / self.along);
+        let t = (x - w * self.low) / self.across;
         // Depth grows along the light, from the highest caster to the lowest receiver.
-        let (top, span) = self.depth_span(kappa);
-        let along = DVec4::new(0.0, -1.0, 0.0, top) / span;
+        let (top, span) = self.depth;
+        let along = (h * top - y) / span;
         let (near_depth, far_depth) = convention.near_far_depth();
         let depth = w * near_depth + along * (far_depth - near_depth);
         let y_sign = if convention.y_down { -1.0 } else { 1.0 };
-        let clip_from_light = DMat4::from_cols(centred(t), centred(s) * y_sign, depth, w).transpose();
-        let light_from_relative =
-            DMat4::from_cols(axes.x.extend(0.0), axes.y.extend(0.0), axes.z.extend(0.0), DVec4::W)
-                .transpose();
-        clip_from_light * light_from_relative
-    }
-
-    /// Highest y, and the largest (top − y)/w over casters and receivers.
-    fn depth_span(&self, kappa: f64) -> (f64, f64) {
-        let all = || self.casters.iter().chain(&self.receivers);
-        let top = all().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max);
-        let near = self.footprint.min.z;
-        let span = all().map(|p| (top - p.y) / (1.0 + kappa * (p.z - near)).max(1.0)).fold(0.0, f64::max);
-        // A margin of a thousandth keeps the ends off the planes; a flat scene still needs a range.
-        (top + 5e-4 * span, (span * 1.001).max(self.footprint.extent().y).max(f64::MIN_POSITIVE))
+        DMat4::from_cols(centred(t), centred(s) * y_sign, depth, w).transpose()
     }
 }
 
-/// The receivers' corners in the coordinates of the warp: `x` across, `u` along the axis from the nearest, depth from the eye.
-struct Fit<'a> {
-    focus: &'a Focus,
-    /// Extent along the warp.
-    d: f64,
-}
-
-impl<'a> Fit<'a> {
-    fn new(focus: &'a Focus) -> Self {
-        Self { focus, d: focus.footprint.extent().z }
-    }
-
-    /// x, u and eye depth of each corner.
-    fn corners(&self) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
-        let near = self.focus.footprint.min.z;
-        self.focus
-            .receivers
-            .iter()
-            .zip(&self.focus.eye_depths)
-            .map(move |(p, &depth)| (p.x, p.z - near, depth))
-    }
-
-    /// Least x/w and the extent of x/w.
-    fn across(&self, kappa: f64) -> (f64, f64) {
-        let (lo, hi) = self.corners().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), (x, u, _)| {
-            let t = x / (1.0 + kappa * u);
-            (lo.min(t), hi.max(t))
-        });
-        let missing = (self.focus.footprint.extent().x / (1.0 + kappa * self.d) - (hi - lo)).max(0.0);
-        (lo - 0.5 * missing, hi - lo + missing)
-    }
-
-    /// Largest extent of a unit of the map on the image plane, over all corners and both directions.
-    fn worst_texel(&self, kappa: f64) -> f64 {
-        let (_, across) = self.across(kappa);
-        let along = self.d / (1.0 + kappa * self.d);
-        let texel = |(x, u, depth): (f64, f64, f64)| {
-            let w = 1.0 + kappa * u;
-            (along * (w * w + kappa * kappa * x * x).sqrt()).max(across) * w / depth
-        };
-        self.corners().map(texel).fold(0.0, f64::max)
-    }
-
-    /// The κ with the least worst texel, and that texel; κ = 0 when no warp is better.
-    ///
-    /// The worst texel is a maximum of few smooth functions of log κ, with few minima: a scan brackets the lowest, golden
-    /// section refines it.
-    fn least_worst(&self) -> (f64, f64) {
-        const COARSE: i32 = 20;
-        let kappa = |log: f64| log.exp2() / self.d;
-        // From where w differs by 1 % across the receivers to where the near end is a million times finer.
-        let (first, last) = (-6.0, 20.0);
-        let step = (last - first) / f64::from(COARSE);
-        let value = |log: f64| self.worst_texel(kappa(log));
-        let start = (0..=COARSE)
-            .map(|i| first + step * f64::from(i))
-            .map(|log| (value(log), log))
-            .fold((f64::INFINITY, first), |best, v| if v.0 < best.0 { v } else { best });
-        let log = golden_section(start.1 - step, start.1 + step, 12, value);
-        let refined = value(log);
-        let best = if refined < start.0 { (kappa(log), refined) } else { (kappa(start.1), start.0) };
-        let uniform = self.worst_texel(0.0);
-        if best.1 < uniform { best } else { (0.0, uniform) }
-    }
-}
-
-/// Where a function with one minimum in [a, b] is least, after `steps` evaluations.
-fn golden_section(mut a: f64, mut b: f64, steps: u32, f: impl Fn(f64) -> f64) -> f64 {
-    const RATIO: f64 = 0.618_033_988_749_894_9;
-    let (mut x, mut y) = (b - RATIO * (b - a), a + RATIO * (b - a));
-    let (mut fx, mut fy) = (f(x), f(y));
-    for _ in 2..steps {
-        if fx < fy {
-            (b, y, fy) = (y, x, fx);
-            x = b - RATIO * (b - a);
-            fx = f(x);
-        } else {
-            (a, x, fx) = (x, y, fy);
-            y = a + RATIO * (b - a);
-            fy = f(y);
-        }
-    }
-    if fx < fy { x } else { y }
+/// Light space along axes that depend on the light alone.
+pub(crate) fn light_only(direction: DVec3) -> (LightAxes, LightSpace) {
+    let axes = LightAxes::of_light(direction);
+    (axes, LightSpace::new(&crate::ShadowLight::Directional { direction }, &axes, DVec3::ZERO))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Skip;
+    use crate::{Scope, ShadowLight, Skip};
     use farsight_geometry::{Camera, DAabb, Projection};
     use glam::{DVec2, dvec3};
 
@@ -287,7 +307,12 @@ mod tests {
             .unwrap();
         let mut focus = Focus::new();
         let everything = [DAabb::from_points([DVec3::ZERO]).inflated(1e5)];
-        let skip = focus.directional(&camera, r, DVec3::NEG_Y, &everything, &everything, 1024).unwrap();
+        let skip = focus
+            .fit(
+                &ShadowLight::directional(DVec3::NEG_Y),
+                &Scope::new(&camera, r, &everything, &everything, 1024),
+            )
+            .unwrap();
         assert_eq!(skip, None);
         (focus, camera)
     }
@@ -331,7 +356,7 @@ mod tests {
                 (Warp::Perspective, r - 1.0, 1.0),
             ];
             for (warp, s, t) in cases {
-                let (es, et) = largest_errors(&focus, &focus.map(&options(warp), false), r);
+                let (es, et) = largest_errors(&focus, &focus.map(&options(warp), None), r);
                 assert!((es / s - 1.0).abs() < 1e-3, "{warp:?} r {r}: dp/ds {es} instead of {s}");
                 assert!((et / t - 1.0).abs() < 1e-3, "{warp:?} r {r}: dp/dt {et} instead of {t}");
             }
@@ -350,14 +375,19 @@ mod tests {
             let light = dvec3(0.3 * gamma.sin(), -gamma.sin(), -gamma.cos()).normalize();
             let slab = DAabb::new(dvec3(-r, -2.0 - r * (t * 0.2).fract(), -r), dvec3(r, 2.0, r));
             let mut focus = Focus::new();
-            if focus.directional(&camera, r, light, &[slab], &[slab], 2048).unwrap().is_some() {
+            if focus
+                .fit(&ShadowLight::directional(light), &Scope::new(&camera, r, &[slab], &[slab], 2048))
+                .unwrap()
+                .is_some()
+            {
                 continue;
             }
             let fit = Fit::new(&focus);
-            let brute =
-                (0..20_000).map(|k| fit.worst_texel((-12.0 + 36.0 * f64::from(k) / 2e4).exp2() / fit.d));
+            let brute = (0..20_000).map(|k| {
+                fit.worst_texel(((-12.0 + 36.0 * f64::from(k) / 2e4).exp2() / fit.d).min(focus.kappa_most))
+            });
             let brute = brute.fold(fit.worst_texel(0.0), f64::min);
-            let (_, found) = fit.least_worst();
+            let (_, found) = fit.least_worst(0.0);
             worst = worst.max(found / brute);
             assert!(
                 found <= 1.01 * brute && found <= fit.worst_texel(0.0),
@@ -376,18 +406,24 @@ mod tests {
                 let tilt = camera.right() * f64::sin(gamma) + camera.forward() * f64::cos(gamma);
                 let b = DAabb::from_points([eye]).inflated(90.0);
                 let mut focus = Focus::new();
-                let skip = focus.directional(&camera, 80.0, tilt.normalize(), &[b], &[b], 4096).unwrap();
+                let skip = focus
+                    .fit(
+                        &ShadowLight::directional(tilt.normalize()),
+                        &Scope::new(&camera, 80.0, &[b], &[b], 4096),
+                    )
+                    .unwrap();
                 assert_eq!(skip, None);
-                let view = focus.map(&MapOptions { convention, ..MapOptions::new(4096) }, false);
+                let view = focus.map(&MapOptions::new(4096).with_convention(convention), None);
                 let (near, far) = convention.near_far_depth();
                 let axes = focus.axes().unwrap();
-                for p in focus.receivers.iter().chain(&focus.casters) {
+                let corners: Vec<DVec3> = focus.receivers.iter().map(|c| c.q).collect();
+                for p in corners.iter().chain(&focus.casters) {
                     let relative = axes.x * p.x + axes.y * p.y + axes.z * p.z;
                     // As a graphics card would: in f32.
                     let clip = view.matrix() * relative.as_vec3().extend(1.0);
                     let depth = f64::from(clip.z / clip.w);
                     assert!(depth >= near.min(far) - 1e-6 && depth <= near.max(far) + 1e-6, "{depth}");
-                    if focus.receivers.contains(p) {
+                    if corners.contains(p) {
                         assert!(
                             clip.w > 0.0 && clip.x.abs() <= clip.w && clip.y.abs() <= clip.w,
                             "{gamma} {clip}"
@@ -404,7 +440,12 @@ mod tests {
         let mut focus = Focus::new();
         let ground = [DAabb::new(dvec3(-50.0, -2.0, -50.0), dvec3(50.0, -1.5, 50.0))];
         let mut ask = |receivers: &[DAabb], casters: &[DAabb]| {
-            focus.directional(&camera, 40.0, DVec3::NEG_Y, receivers, casters, 1024).unwrap()
+            focus
+                .fit(
+                    &ShadowLight::directional(DVec3::NEG_Y),
+                    &Scope::new(&camera, 40.0, receivers, casters, 1024),
+                )
+                .unwrap()
         };
         let behind = [DAabb::new(dvec3(-9.0, 0.0, -1.0), dvec3(-5.0, 2.0, 1.0))];
         let below = [DAabb::new(dvec3(5.0, -9.0, -1.0), dvec3(9.0, -8.0, 1.0))];
