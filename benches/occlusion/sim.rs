@@ -101,6 +101,16 @@ impl<'a> Machine<'a> {
         }
     }
 
+    /// Lets time pass between frames.
+    pub fn idle(&mut self, us: f64) {
+        self.cpu = self.cpu.max(self.gpu) + us;
+    }
+
+    /// Hands over all answers that have come, for a culler that outlives the machine.
+    pub fn hand_over(&mut self, culler: &mut Culler) {
+        self.deliver(culler, false);
+    }
+
     /// Runs a frame to its end.
     pub fn frame<H: Hierarchy>(&mut self, culler: &mut Culler, hierarchy: &H, camera: &Camera) -> Frame {
         let begin = self.cpu.max(self.gpu);
@@ -117,6 +127,7 @@ impl<'a> Machine<'a> {
             stalls: 0,
             queried: Vec::new(),
         };
+        self.deliver(culler, false);
         culler.begin_frame(View::from_camera(camera));
         let clip = camera.clip_from_relative_f64(ClipConvention::REVERSED, camera.eye());
         let mut visited = 0;

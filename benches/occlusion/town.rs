@@ -108,7 +108,7 @@ pub fn field(side: u32, seed: u64) -> World {
     let objects = (0..side * side).map(|i| {
         let at = DVec3::new(f64::from(i % side), f64::from(i / side), 0.0) * 12.0;
         let jitter = DVec3::new(random.range(0.0, 2.0), random.range(0.0, 2.0), 0.6);
-        Object::cuboid(at + jitter, DVec3::new(1.0, 1.0, random.range(0.5, 1.2)), 2800)
+        Object::cuboid(at + jitter, DVec3::new(7.0, 7.0, random.range(0.5, 1.2)), 2800)
     });
     World::new(objects.collect())
 }
@@ -149,8 +149,8 @@ impl Walk {
             }
             Walk::Static => (p(x, y, 1.7), p(x + 30.0, y + 1.0, 2.5)),
             Walk::Flyover => {
-                let at = p(0.3 * extent, (-0.1 + 0.1 * t) * extent, 0.35 * extent);
-                (at, at + p(0.05 * extent, 0.3 * extent, -0.33 * extent))
+                let at = p(0.3 * extent, (0.1 + 0.2 * t) * extent, 0.35 * extent);
+                (at, at + p(0.05 * extent, 0.15 * extent, -0.35 * extent))
             }
         };
         Camera::look_at(eye, target, DVec3::Z)

@@ -1,7 +1,6 @@
 //! Pauses while occlusion culling does not pay.
 
 use crate::policy::Adaptive;
-use crate::stats::FrameStats;
 
 /// What a frame does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,6 +11,13 @@ pub(crate) enum Mode {
     Paused,
     /// Draws the same, and queries one leaf in some.
     Probing,
+}
+
+/// Answers since the last judgement.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Yield {
+    pub(crate) answers: u64,
+    pub(crate) occluded: u64,
 }
 
 /// Frames of culling before its yield is judged: the first ones after a pause only learn.
@@ -38,8 +44,8 @@ impl Switch {
         self.mode
     }
 
-    /// The mode of the next frame, from the work of the last one.
-    pub(crate) fn advance(&mut self, options: &Adaptive, last: &FrameStats) {
+    /// The mode of the next frame, from what the last one's queries found.
+    pub(crate) fn advance(&mut self, options: &Adaptive, last: &Yield) {
         self.age += 1;
         let pays = last.occluded as f64 >= options.least_occluded * last.answers as f64;
         match self.mode {

@@ -127,6 +127,9 @@ pub struct Options {
     /// 0 as in the paper. Without it such nodes change state every frame. Doubles, up to 16 times, each time the node
     /// closes and opens again.
     pub keep_open_frames: u32,
+    /// Levels to go down at once below an inner node that was found visible late, instead of asking at each: fewer waves for
+    /// more queries. For [`Schedule::Waves`]; 0 as in the paper.
+    pub skip_levels: u32,
     /// Whether the frame may end before the answers of queries that cannot change it (leaves that are drawn anyway). They
     /// count for the next frame if they have come by then; until then the leaf stays visible.
     pub defer: bool,
@@ -158,6 +161,7 @@ impl Default for Options {
             unknown: Unknown::Ask,
             reentry: Reentry::Ask,
             keep_open_frames: 8,
+            skip_levels: 0,
             defer: true,
             query_leaves_every: 1,
             nodes_per_query: 1,
@@ -176,6 +180,7 @@ impl Options {
             schedule: Schedule::Waves,
             unknown: Unknown::Draw,
             reentry: Reentry::Remember,
+            skip_levels: 1,
             adaptive: Some(Adaptive::default()),
             ..Self::default()
         }
@@ -205,6 +210,7 @@ impl Options {
             number("frames", frames.into(), 1.0, 255.0)?;
         }
         number("keep_open_frames", self.keep_open_frames.into(), 0.0, 1024.0)?;
+        number("skip_levels", self.skip_levels.into(), 0.0, 16.0)?;
         number("query_leaves_every", self.query_leaves_every.into(), 1.0, 1024.0)?;
         number("nodes_per_query", self.nodes_per_query.into(), 1.0, 256.0)?;
         number("inflate_px", self.inflate_px, 0.0, 1024.0)?;

@@ -49,10 +49,27 @@ pub(crate) struct Entry {
     pub(crate) parent: u32,
     /// Issue frame of the newest query that found a box around this node occluded.
     pub(crate) verified: u32,
-    pub(crate) inside: bool,
+    /// Planes of the view volume that it may cross.
+    pub(crate) crosses: u8,
     pub(crate) unbounded: bool,
     /// Reached from the root by assumption alone, not by an answer of this frame.
     pub(crate) assumed: bool,
+    /// Levels to go down before asking.
+    pub(crate) skip: u8,
+}
+
+impl Entry {
+    /// What stands above the root.
+    pub(crate) const ROOT: Self = Self {
+        key: 0,
+        node: NONE,
+        parent: NONE,
+        verified: 0,
+        crosses: 0,
+        unbounded: false,
+        assumed: false,
+        skip: 0,
+    };
 }
 
 impl Ord for Entry {
@@ -73,6 +90,8 @@ pub(crate) struct Slot {
     pub(crate) serial: u32,
     pub(crate) frame: u32,
     pub(crate) must_resolve: bool,
+    /// About a node that is descended into anyway: whether that should go on.
+    pub(crate) about_opening: bool,
     pub(crate) in_use: bool,
     pub(crate) answer: Option<bool>,
     pub(crate) nodes: Vec<u32>,
@@ -95,6 +114,7 @@ impl Slots {
                 serial: 0,
                 frame: 0,
                 must_resolve: false,
+                about_opening: false,
                 in_use: false,
                 answer: None,
                 nodes: Vec::new(),
@@ -103,7 +123,7 @@ impl Slots {
         });
         let slot = &mut self.all[index as usize];
         (slot.serial, slot.frame, slot.must_resolve) = (serial, frame, must_resolve);
-        (slot.in_use, slot.answer) = (true, None);
+        (slot.in_use, slot.answer, slot.about_opening) = (true, None, false);
         slot.nodes.clear();
         slot.nodes.extend_from_slice(nodes);
         (index, serial)
@@ -117,6 +137,10 @@ impl Slots {
 
     pub(crate) fn get(&self, index: u32) -> &Slot {
         &self.all[index as usize]
+    }
+
+    pub(crate) fn get_mut(&mut self, index: u32) -> &mut Slot {
+        &mut self.all[index as usize]
     }
 
     pub(crate) fn in_use(&self, index: u32) -> bool {

@@ -22,7 +22,7 @@ pub struct FrameStats {
     pub occluded: u64,
     /// Nodes taken for hidden that an answer of the same frame found visible: what makes a frame wait.
     pub discoveries: u64,
-    /// Of these, inner nodes that had been open before: the price of looking whether they can be closed.
+    /// Queries about inner nodes that are descended into anyway: the price of looking whether they can be closed.
     pub retests: u64,
     /// Leaves drawn without a query because it was not their turn or a pause.
     pub assumed: u64,

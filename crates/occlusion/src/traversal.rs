@@ -1,6 +1,6 @@
 //! The state machine.
 
-use crate::adaptive::{Mode, Switch};
+use crate::adaptive::{Mode, Switch, Yield};
 use crate::hierarchy::Hierarchy;
 use crate::policy::{Algorithm, Backend, Options, OptionsError, Order, Policy, Reentry, Schedule, Unknown};
 use crate::state::{Entry, NONE, NodeState, Slots};
@@ -119,6 +119,9 @@ pub struct Culler {
     issued_since_flush: bool,
     begun: bool,
     switch: Switch,
+    gained: Yield,
+    /// First frame after a reset.
+    first_frame: u32,
     stats: FrameStats,
 }
 
@@ -160,6 +163,8 @@ impl Culler {
             issued_since_flush: false,
             begun: false,
             switch: Switch::default(),
+            gained: Yield::default(),
+            first_frame: FIRST_FRAME + 1,
             stats: FrameStats::default(),
         })
     }
@@ -174,10 +179,6 @@ impl Culler {
         if self.frame > u32::MAX - 2 * LOST_AFTER {
             self.reset();
             self.frame = FIRST_FRAME;
-        }
-        self.settle_deferred();
-        if let Some(adaptive) = &self.options.adaptive {
-            self.switch.advance(adaptive, &self.stats);
         }
         self.view = Some(view);
         self.frame += 1;
@@ -205,7 +206,8 @@ impl Culler {
         self.hidden.clear();
         self.leaves.clear();
         (self.awaited, self.at_hand) = (0, 0);
-        self.switch = Switch::default();
+        (self.switch, self.gained) = (Switch::default(), Yield::default());
+        self.first_frame = self.frame + u32::from(self.begun || self.view.is_none());
         self.stats = FrameStats::default();
         self.view = None;
     }
@@ -300,14 +302,21 @@ impl Culler {
         self.begun = true;
         let Some(view) = self.view else { return };
         if hierarchy.generation() != self.hierarchy_generation {
-            let switch = self.switch;
             self.reset();
-            (self.view, self.switch) = (Some(view), switch);
+            (self.view, self.first_frame) = (Some(view), self.frame);
             self.hierarchy_generation = hierarchy.generation();
         }
+        self.settle_last_frame(hierarchy);
+        if let Some(adaptive) = &self.options.adaptive {
+            self.switch.advance(adaptive, &std::mem::take(&mut self.gained));
+        }
         if let Some(root) = hierarchy.root() {
-            self.push(hierarchy, root, NONE, 0, false, true);
-            self.stack.reverse();
+            self.push(
+                hierarchy,
+                root,
+                &Entry { crosses: view.all_planes(), assumed: true, ..Entry::ROOT },
+                0,
+            );
         }
     }
 
@@ -320,26 +329,20 @@ impl Culler {
         }
     }
 
+    /// Takes up a node below `above`.
     #[inline]
-    fn push<H: Hierarchy + ?Sized>(
-        &mut self,
-        hierarchy: &H,
-        node: NodeId,
-        parent: u32,
-        verified: u32,
-        inside: bool,
-        assumed: bool,
-    ) {
+    fn push<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, node: NodeId, above: &Entry, verified: u32) {
         let Some(view) = &self.view else { return };
-        let Some(placed) = view.place(&hierarchy.bounds(node), inside) else { return };
+        let Some(placed) = view.place(&hierarchy.bounds(node), above.crosses) else { return };
         let entry = Entry {
             key: placed.key.to_bits(),
             node: node.0,
-            parent,
+            parent: above.node,
             verified,
-            inside: placed.inside,
+            crosses: placed.crosses,
             unbounded: placed.unbounded,
-            assumed,
+            assumed: above.assumed,
+            skip: above.skip,
         };
         match self.options.order {
             Order::Distance => self.heap.push(entry),
@@ -351,7 +354,7 @@ impl Culler {
         let first = self.stack.len();
         let mut index = 0;
         while let Some(child) = hierarchy.child(NodeId(e.node), index) {
-            self.push(hierarchy, child, e.node, verified, e.inside, e.assumed);
+            self.push(hierarchy, child, e, verified);
             index += 1;
         }
         if self.options.order == Order::Stack {
@@ -402,6 +405,7 @@ impl Culler {
     fn visit_coherent<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, e: Entry, is_leaf: bool) {
         let (frame, mode) = (self.frame, self.switch.mode());
         let was_visible = self.was_visible(&e);
+        let asks_again = !is_leaf && self.asks_about_opening(e.node, was_visible);
         let bounded = match self.options.policy {
             Policy::Exact => None,
             Policy::Bounded { frames } => Some(frames),
@@ -421,14 +425,42 @@ impl Culler {
             return;
         }
         let recently_hidden = bounded.is_some_and(|frames| verified != 0 && frame - verified <= frames);
-        if was_visible || (bounded.is_some() && !recently_hidden) {
+        if asks_again {
+            self.ask_about_opening(hierarchy, e.node);
+            self.take_for_visible(hierarchy, &e, false);
+        } else if was_visible || (bounded.is_some() && !recently_hidden) {
             if open && !is_leaf {
                 self.pull_up(e.node);
             }
             self.take_for_visible(hierarchy, &e, is_leaf);
+        } else if e.skip > 0 && !is_leaf {
+            self.ask_about_opening(hierarchy, e.node);
+            self.expand(hierarchy, &Entry { skip: e.skip - 1, ..e }, verified, false);
         } else {
             self.take_for_hidden(hierarchy, e.node, bounded.is_some());
         }
+    }
+
+    /// Whether an inner node is asked about although it is descended into in this frame: when the time runs out for which
+    /// it was kept open, and after a first frame, whose answers were against a nearly empty depth buffer. The answer
+    /// changes the next frame only.
+    fn asks_about_opening(&self, node: u32, was_visible: bool) -> bool {
+        if self.options.keep_open_frames == 0 || self.switch.mode() != Mode::Culling {
+            return false;
+        }
+        let state = &self.nodes[node as usize];
+        let expanded = state.expanded == self.frame - 1;
+        let runs_out = !was_visible && state.open_until != 0;
+        let second = self.frame == self.first_frame + 1 && self.options.unknown == Unknown::Ask;
+        let in_flight = state.slot != NONE && self.slots.in_use(state.slot);
+        expanded && (runs_out || (second && was_visible)) && !in_flight
+    }
+
+    fn ask_about_opening<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, node: u32) {
+        let slot = self.issue(hierarchy, &[node], false, false);
+        self.slots.get_mut(slot).about_opening = true;
+        self.stats.retests += 1;
+        self.deferred.push(slot);
     }
 
     fn was_visible(&mut self, e: &Entry) -> bool {
@@ -639,7 +671,7 @@ impl Culler {
                 answered[kept] = slot;
                 kept += 1;
             } else {
-                self.settle(slot, Some(hierarchy));
+                self.settle(slot, hierarchy);
             }
         }
         let any = kept < answered.len();
@@ -649,19 +681,20 @@ impl Culler {
         any
     }
 
-    /// Makes last frame's open ends part of its history.
-    fn settle_deferred(&mut self) {
+    /// Makes last frame's open ends part of the history.
+    fn settle_last_frame<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H) {
         let mut answered = std::mem::take(&mut self.answered);
+        answered.sort_unstable_by_key(|&slot| self.slots.get(slot).serial);
         for slot in answered.drain(..) {
-            self.settle(slot, None::<&farsight_geometry::bvh::Bvh>);
+            self.settle(slot, hierarchy);
         }
         self.answered = answered;
         let mut deferred = std::mem::take(&mut self.deferred);
         for slot in deferred.drain(..) {
-            // Without an answer the leaf stays visible.
-            if self.slots.in_use(slot) && self.slots.get(slot).frame == self.frame {
-                for i in 0..self.slots.get(slot).nodes.len() {
-                    let node = self.slots.get(slot).nodes[i];
+            // Without an answer the node stays visible.
+            if self.slots.in_use(slot) && self.slots.get(slot).frame == self.frame - 1 {
+                let node = self.slots.get(slot).nodes[0];
+                if self.nodes[node as usize].slot == slot {
                     self.pull_up(node);
                 }
             }
@@ -669,13 +702,16 @@ impl Culler {
         self.deferred = deferred;
     }
 
-    /// Acts on an answer. Without a hierarchy the frame is over, and only the history changes.
-    fn settle<H: Hierarchy + ?Sized>(&mut self, slot: u32, hierarchy: Option<&H>) {
+    /// Acts on an answer, of this frame or an earlier one.
+    fn settle<H: Hierarchy + ?Sized>(&mut self, slot: u32, hierarchy: &H) {
         let s = self.slots.get(slot);
         let Some(visible) = s.answer.filter(|_| s.in_use) else { return };
-        let (issued, must_resolve, shared) = (s.frame, s.must_resolve, s.nodes.len() > 1);
+        let (issued, must_resolve, shared, about_opening) =
+            (s.frame, s.must_resolve, s.nodes.len() > 1, s.about_opening);
         self.stats.answers += 1;
         self.stats.occluded += u64::from(!visible);
+        self.gained.answers += 1;
+        self.gained.occluded += u64::from(!visible);
         if must_resolve && issued == self.frame {
             self.awaited -= 1;
             self.at_hand -= 1;
@@ -688,50 +724,79 @@ impl Culler {
             }
             self.nodes[node as usize].slot = NONE;
             match (visible, shared) {
-                (false, _) => self.found_occluded(node, issued),
-                (true, false) => self.found_visible(node, hierarchy),
-                (true, true) => self.ask_again(node, hierarchy),
+                (false, _) => self.found_occluded(hierarchy, node, issued),
+                (true, false) => self.found_visible(hierarchy, node, about_opening),
+                (true, true) => self.ask_again(hierarchy, node),
             }
         }
         self.slots.release(slot);
     }
 
-    fn found_occluded(&mut self, node: u32, issued: u32) {
+    fn found_occluded<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, node: u32, issued: u32) {
+        let frame = self.frame;
         let state = &mut self.nodes[node as usize];
         state.verified = state.verified.max(issued);
         state.hidden_streak = state.hidden_streak.saturating_add(1);
-        // Of a leaf that was seen later than it was asked about nothing new is known.
-        if state.visited == issued {
-            state.visible = false;
+        // Visible at a later visit was an assumption, which had been handed up.
+        let handed_up = state.visible && state.visited != frame;
+        state.visible = false;
+        state.open_until = 0;
+        if handed_up {
+            self.close_above(hierarchy, node);
         }
     }
 
-    fn found_visible<H: Hierarchy + ?Sized>(&mut self, node: u32, hierarchy: Option<&H>) {
+    /// Takes back what was handed up from a node: nodes above with no other visible child.
+    fn close_above<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, node: u32) {
+        let last = self.frame - 1;
+        let mut above = self.nodes[node as usize].parent;
+        while let Some(state) = self.nodes.get(above as usize)
+            && state.visible
+            && state.open_until < self.frame
+        {
+            let mut index = 0;
+            while let Some(child) = hierarchy.child(NodeId(above), index) {
+                let sees = self.nodes.get(child.0 as usize).is_some_and(|c| c.visible && c.visited == last);
+                if sees {
+                    return;
+                }
+                index += 1;
+            }
+            let state = &mut self.nodes[above as usize];
+            state.visible = false;
+            above = state.parent;
+        }
+    }
+
+    fn found_visible<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, node: u32, about_opening: bool) {
         let frame = self.frame;
         let state = &mut self.nodes[node as usize];
         state.hidden_streak = 0;
-        let taken = state.expanded == frame;
         let parent = state.parent;
         self.pull_up(node);
-        let Some(hierarchy) = hierarchy else { return };
-        if taken || self.nodes[node as usize].visited != frame {
+        if about_opening {
+            self.keep_open(node);
+        }
+        let state = &self.nodes[node as usize];
+        if state.expanded == frame || state.visited != frame {
             return;
         }
         self.stats.discoveries += 1;
         let id = NodeId(node);
         let is_leaf = hierarchy.child(id, 0).is_none();
-        if !is_leaf || self.options.query_with_geometry {
+        let settled = frame != self.first_frame || self.options.unknown == Unknown::Draw;
+        if settled && (!is_leaf || self.options.query_with_geometry) {
             self.keep_open(node);
         }
-        let Some(placed) = self.view.and_then(|v| v.place(&hierarchy.bounds(id), false)) else { return };
+        let Some(view) = self.view else { return };
+        let Some(placed) = view.place(&hierarchy.bounds(id), view.all_planes()) else { return };
         let entry = Entry {
-            key: placed.key.to_bits(),
             node,
             parent,
-            verified: 0,
-            inside: placed.inside,
+            crosses: placed.crosses,
             unbounded: placed.unbounded,
-            assumed: false,
+            skip: self.options.skip_levels as u8,
+            ..Entry::ROOT
         };
         let verified = self.nodes[node as usize].verified;
         self.expand(hierarchy, &entry, verified, is_leaf);
@@ -744,16 +809,14 @@ impl Culler {
             return;
         }
         let state = &mut self.nodes[node as usize];
-        let again = state.open_until != 0 && frame <= state.open_until + 2;
+        let again = state.open_until != 0;
         state.reopened = if again { (state.reopened + 1).min(MOST_REOPENED) } else { 0 };
         state.open_until = frame + (frames << state.reopened);
-        self.stats.retests += u64::from(again);
     }
 
     /// A node of a query that saw something: which of them it was, each has to say for itself.
-    fn ask_again<H: Hierarchy + ?Sized>(&mut self, node: u32, hierarchy: Option<&H>) {
+    fn ask_again<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, node: u32) {
         self.nodes[node as usize].hidden_streak = 0;
-        let Some(hierarchy) = hierarchy else { return };
         let state = self.nodes[node as usize];
         if state.visited == self.frame && state.expanded != self.frame {
             self.issue(hierarchy, &[node], !self.is_bounded(), false);

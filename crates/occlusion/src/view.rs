@@ -1,7 +1,7 @@
 //! Where the eye is and what it can see.
 
 use farsight_geometry::camera::DepthRange;
-use farsight_geometry::{Camera, ClipConvention, Containment, DAabb, Frustum, Plane, Projection};
+use farsight_geometry::{Camera, ClipConvention, DAabb, Frustum, Plane, Projection};
 use glam::{DMat4, DVec3};
 
 /// A view to cull for: camera, cascade of a shadow map, eye of a stereo pair.
@@ -13,6 +13,49 @@ pub struct View {
     order: Order,
     /// Size of a pixel in world units, at distance one (central) or anywhere (parallel).
     pixel: f64,
+    sides: Sides,
+}
+
+/// Planes of the view volume with what a box test needs of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sides {
+    planes: [(Plane, DVec3); 6],
+    count: usize,
+    largest_offset: f64,
+}
+
+impl Sides {
+    fn new(frustum: &Frustum) -> Self {
+        let none = Plane { normal: DVec3::ZERO, offset: 0.0 };
+        let mut sides = Self { planes: [(none, DVec3::ZERO); 6], count: 0, largest_offset: 0.0 };
+        for &plane in frustum.planes() {
+            sides.planes[sides.count] = (plane, plane.normal.abs());
+            sides.count += 1;
+            sides.largest_offset = sides.largest_offset.max(plane.offset.abs());
+        }
+        sides
+    }
+
+    /// Which of the planes in `mask` a box crosses; `None` when it is certainly outside one. `size` bounds the sum of the
+    /// coordinates' sizes, anchor included.
+    #[inline]
+    fn crossed(&self, center: DVec3, half: DVec3, size: f64, mask: u8) -> Option<u8> {
+        // A plane's distance sums eight terms; 16 roundings cover them and those of centre and half size.
+        let slack = 16.0 * f64::EPSILON * (size + self.largest_offset);
+        let (mut crossed, mut left) = (0u8, mask);
+        while left != 0 {
+            let Some((plane, abs)) = self.planes.get(left.trailing_zeros() as usize) else { break };
+            let (distance, radius) = (plane.distance(center), abs.dot(half) + slack);
+            if distance < -radius {
+                return None;
+            }
+            if distance < radius + slack {
+                crossed |= left & left.wrapping_neg();
+            }
+            left &= left - 1;
+        }
+        Some(crossed)
+    }
 }
 
 /// What "front to back" means.
@@ -29,8 +72,8 @@ enum Order {
 pub(crate) struct Placed {
     /// Grows from front to back; never negative.
     pub(crate) key: f32,
-    /// Wholly inside the view volume: so is everything below.
-    pub(crate) inside: bool,
+    /// Planes of the view volume that it crosses; what is below crosses no others.
+    pub(crate) crosses: u8,
     /// Reaches before the near plane, or is not finite: no proxy can be drawn for it.
     pub(crate) unbounded: bool,
 }
@@ -47,11 +90,13 @@ impl View {
             Projection::Perspective { .. } => Order::Point(camera.eye()),
             Projection::Orthographic { .. } => Order::Plane,
         };
+        let frustum = Frustum::from_camera(camera);
         Self {
-            frustum: Frustum::from_camera(camera),
+            frustum,
             near: Plane { normal: ahead, offset: -camera.near() },
             order,
             pixel: 1.0 / camera.pixels_per_unit(),
+            sides: Sides::new(&frustum),
         }
     }
 
@@ -76,8 +121,10 @@ impl View {
             return None;
         }
         let steepest = x.truncate().length().max(y.truncate().length());
+        let frustum = Frustum::from_matrix(clip_from_relative, origin, least);
         Some(Self {
-            frustum: Frustum::from_matrix(clip_from_relative, origin, least),
+            frustum,
+            sides: Sides::new(&frustum),
             near: Plane { normal: plane.truncate() / length, offset: plane.w / length },
             order: Order::Plane,
             pixel: 2.0 * w.w / (steepest * f64::from(side_px.max(1))),
@@ -89,38 +136,39 @@ impl View {
         &self.frustum
     }
 
-    /// `None` when the box is not seen. `parent_inside` spares the test against the view volume.
+    /// All planes of the view volume.
+    pub(crate) fn all_planes(&self) -> u8 {
+        (1u8 << self.sides.count) - 1
+    }
+
+    /// `None` when the box is not seen. Only the planes in `mask` are tested.
     #[inline]
-    pub(crate) fn place(&self, b: &DAabb, parent_inside: bool) -> Option<Placed> {
-        if !(b.min.is_finite() && b.max.is_finite()) {
+    pub(crate) fn place(&self, b: &DAabb, mask: u8) -> Option<Placed> {
+        let extent = b.max - b.min;
+        // Also false for NaN; infinite boxes have infinite or NaN extents.
+        if !(extent.min_element() >= 0.0 && extent.max_element() < f64::INFINITY) {
             return Self::place_unusual(b);
         }
-        let inside = parent_inside
-            || match self.frustum.classify(b) {
-                Containment::Outside => return None,
-                Containment::Inside => true,
-                Containment::Crossing => false,
-            };
-        if b.is_empty() {
-            return None;
-        }
-        let relative = DAabb::new(b.min - self.frustum.anchor(), b.max - self.frustum.anchor());
-        let (center, half) = (relative.center(), 0.5 * (relative.max - relative.min));
-        let reach = self.near.normal.abs().dot(half);
-        let least = self.near.distance(center) - reach;
-        let size = center.abs().max_element() + half.max_element() + self.near.offset.abs();
+        let anchor = self.frustum.anchor();
+        let half = 0.5 * extent;
+        let center = b.min + half - anchor;
+        let size = b.min.abs().max(b.max.abs()).element_sum() + anchor.abs().element_sum();
+        let crosses = self.sides.crossed(center, half, size, mask)?;
+        let least = self.near.distance(center) - self.near.normal.abs().dot(half);
+        let reach = center.abs().max_element() + half.max_element() + self.near.offset.abs();
         let key = match self.order {
             Order::Point(eye) => b.closest_point(eye).distance_squared(eye),
             Order::Plane => least.max(0.0),
         };
-        Some(Placed { key: key as f32, inside, unbounded: least <= NEAR_SHARE * size })
+        let unbounded = least <= NEAR_SHARE * reach + 16.0 * f64::EPSILON * size;
+        Some(Placed { key: key as f32, crosses, unbounded })
     }
 
     /// Empty boxes are skipped; what is NaN or infinite is drawn.
     #[cold]
     fn place_unusual(b: &DAabb) -> Option<Placed> {
         let nan = b.min.is_nan() || b.max.is_nan();
-        (nan || !b.is_empty()).then_some(Placed { key: 0.0, inside: false, unbounded: true })
+        (nan || !b.is_empty()).then_some(Placed { key: 0.0, crosses: u8::MAX, unbounded: true })
     }
 
     /// The box to draw in a query: grown by `px` pixels, at its farthest point, on all sides.
