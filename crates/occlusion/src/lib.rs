@@ -5,9 +5,11 @@
 //! |---|---|
 //! | what to draw, what to query | [`Culler`] walks a [`Hierarchy`] for a [`View`] and hands out [`Command`]s |
 //! | exact, or never waiting? | [`Policy`], and everything else that can be chosen in [`Options`] |
+//! | is this box hidden, without a graphics card? | [`DepthBuffer`] |
 //! | what did it take? | [`FrameStats`] |
 
 mod adaptive;
+mod depth_buffer;
 mod hierarchy;
 mod policy;
 mod state;
@@ -15,7 +17,11 @@ mod stats;
 mod traversal;
 mod view;
 
+pub use depth_buffer::{
+    Coverage, DepthBuffer, DepthBufferError, DepthBufferStats, Faces, MAX_SIDE, Projected, ScreenBox,
+};
 pub use farsight_geometry::bvh::NodeId;
+pub use farsight_geometry::ray::SimdLevel;
 pub use glam;
 pub use hierarchy::{Grouped, Hierarchy};
 pub use policy::{
