@@ -9,6 +9,7 @@
 //! Times of walks are those of a model machine (see `sim.rs`), so they are the same on every computer. Times of the traversal
 //! and of the depth buffer are CPU time of one thread, best of several runs.
 
+mod buffer;
 #[allow(dead_code)]
 mod sim;
 mod town;
@@ -26,6 +27,10 @@ fn main() {
     let quick = has("--quick");
     let frames = if quick { 20 } else { 60 };
     let mut table = Table::default();
+    if has("--buffer") {
+        return buffer::speeds(&mut table, quick);
+    }
+    buffer::speeds(&mut table, quick);
     walks(&mut table, frames);
     still(&mut table, frames);
     queries(&mut table, frames);
@@ -234,6 +239,10 @@ impl Table {
     fn row(&mut self, name: &str, value: f64, bound: f64, ok: bool) {
         println!("{name:<56} {value:>9.3} {bound:>9.2} {}", if ok { "ok" } else { "MISSED" });
         self.passed &= ok;
+    }
+
+    fn info(&mut self, name: &str, value: f64) {
+        println!("{name:<56} {value:>9.3}");
     }
 
     fn least(&mut self, name: &str, value: f64, bound: f64) {
