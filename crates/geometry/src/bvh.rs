@@ -119,12 +119,18 @@ pub struct Bvh {
     places: Vec<Place>,
     free_nodes: Vec<u32>,
     free_objects: Vec<u32>,
+    generation: u64,
 }
 
 impl Bvh {
     /// The top node; `None` when no object has a box.
     pub fn root(&self) -> Option<NodeId> {
         self.root.map(NodeId)
+    }
+
+    /// How often node ids have been handed out anew, by [`rebuild`](Self::rebuild) or because an insertion made the tree too deep.
+    pub fn generation(&self) -> u64 {
+        self.generation
     }
 
     /// One more than the largest node id; the length for an array of state per node.

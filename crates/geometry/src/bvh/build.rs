@@ -54,6 +54,7 @@ impl Bvh {
                 objects.push((object as u32, self.nodes[leaf as usize].bounds));
             }
         }
+        self.generation += 1;
         self.nodes.clear();
         self.free_nodes.clear();
         self.root = None;

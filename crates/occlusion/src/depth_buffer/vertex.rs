@@ -1,0 +1,99 @@
+//! From positions to pixels.
+
+use fearless_simd::{Simd, f64x4, prelude::*};
+use glam::{DMat4, DVec3, DVec4, Vec3};
+
+/// Steps per pixel that corners are snapped to.
+pub(super) const SUBPIXELS: f64 = 256.0;
+
+/// Largest distance of a corner from the image's corner in pixels; what is beyond is clipped.
+pub(super) const GUARD: f64 = 8190.0;
+
+/// Set when a corner's triangles cannot be drawn without clipping.
+pub(super) const NEEDS_CLIP: u32 = 64;
+/// Bits of the sides of the image beyond which a corner lies.
+pub(super) const SIDES: u32 = 31;
+
+/// A projected corner.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Vertex {
+    /// Pixel position in 1/256 px.
+    pub(super) x: i32,
+    pub(super) y: i32,
+    /// Depth, rounded away from the eye.
+    pub(super) z: f32,
+    pub(super) code: u32,
+}
+
+/// Adding this leaves a whole number in the low bits of an `f64`.
+const WHOLE: f64 = 6_755_399_441_055_744.0;
+/// Shift that makes coordinates positive, and the half that makes a floor round.
+const BIAS: f64 = 16_777_216.5;
+
+pub(super) fn to_clip(m: &DMat4, p: Vec3) -> DVec4 {
+    let p = DVec3::new(p.x.into(), p.y.into(), p.z.into());
+    m.x_axis * p.x + m.y_axis * p.y + m.z_axis * p.z + m.w_axis
+}
+
+/// Transforms all positions, four at a time. The order of operations is that of a plain renderer in `f64` without fused
+/// multiply-add, so that snapping agrees with it.
+#[inline(always)]
+pub(super) fn transform<S: Simd>(
+    simd: S,
+    m: &DMat4,
+    positions: &[Vec3],
+    width: u32,
+    height: u32,
+    out: &mut Vec<Vertex>,
+) {
+    out.clear();
+    out.reserve(positions.len() + 3);
+    let (width, height) = (f64::from(width), f64::from(height));
+    let mut chunks = positions.chunks_exact(4);
+    for four in &mut chunks {
+        out.extend_from_slice(&four_of(simd, m, [four[0], four[1], four[2], four[3]], width, height));
+    }
+    let rest = chunks.remainder();
+    if !rest.is_empty() {
+        let four = std::array::from_fn(|i| rest[i.min(rest.len() - 1)]);
+        out.extend_from_slice(&four_of(simd, m, four, width, height)[..rest.len()]);
+    }
+}
+
+#[inline(always)]
+fn four_of<S: Simd>(simd: S, m: &DMat4, p: [Vec3; 4], width: f64, height: f64) -> [Vertex; 4] {
+    let lanes = |f: [f32; 4]| f64x4::simd_from(simd, [f[0].into(), f[1].into(), f[2].into(), f[3].into()]);
+    let px = lanes([p[0].x, p[1].x, p[2].x, p[3].x]);
+    let py = lanes([p[0].y, p[1].y, p[2].y, p[3].y]);
+    let pz = lanes([p[0].z, p[1].z, p[2].z, p[3].z]);
+    let x = px * m.x_axis.x + py * m.y_axis.x + pz * m.z_axis.x + m.w_axis.x;
+    let y = px * m.x_axis.y + py * m.y_axis.y + pz * m.z_axis.y + m.w_axis.y;
+    let z = px * m.x_axis.z + py * m.y_axis.z + pz * m.z_axis.z + m.w_axis.z;
+    let w = px * m.x_axis.w + py * m.y_axis.w + pz * m.z_axis.w + m.w_axis.w;
+    let column = (x + w) * (0.5 * width) / w;
+    let row = (w - y) * (0.5 * height) / w;
+    let depth = z / w;
+    // Comparisons with NaN are false, so what is not certainly good needs clipping.
+    let far = f64x4::splat(simd, GUARD);
+    let good = column.simd_ge(-GUARD)
+        & column.simd_le(far)
+        & row.simd_ge(-GUARD)
+        & row.simd_le(far)
+        & w.simd_gt(0.0)
+        & z.simd_le(w)
+        & depth.simd_ge(-1e30);
+    let good = good.to_bitmask() as u32;
+    let outside = [x.simd_lt(-w), x.simd_gt(w), y.simd_lt(-w), y.simd_gt(w), z.simd_gt(w)];
+    let outside = outside.map(|o| o.to_bitmask() as u32);
+    let snap = |v: f64x4<S>| -> [f64; 4] { ((v * SUBPIXELS + BIAS).floor() + WHOLE).into() };
+    let (columns, rows, depths): ([f64; 4], [f64; 4], [f64; 4]) = (snap(column), snap(row), depth.into());
+    std::array::from_fn(|i| {
+        let whole = |v: f64| (v.to_bits() as i32).wrapping_sub(1 << 24);
+        let rounded = depths[i] as f32;
+        // Away from the eye, also where the division had rounded towards it.
+        let down = if f64::from(rounded) >= depths[i] { rounded.next_down() } else { rounded };
+        let sides = (0..5).fold(0, |code, k| code | (outside[k] >> i & 1) << k);
+        let clip = if good >> i & 1 == 0 { NEEDS_CLIP } else { 0 };
+        Vertex { x: whole(columns[i]), y: whole(rows[i]), z: down, code: sides | clip }
+    })
+}
