@@ -260,8 +260,8 @@ fn world_boxes_are_never_hidden_falsely_near_the_eye() {
         let mut truth = Truth::new(width, height);
         truth.draw(&m, &positions, &triangles);
         for _ in 0..1000 {
-            let s = distance * random.range(-6.0, -1.0).exp2();
             let distance = random.range(-4.0, 6.0).exp2();
+            let s = distance * random.range(-6.0, -1.0).exp2();
             let c = camera.eye() + random.direction().as_dvec3() * distance;
             let b = DAabb::from_points([c]).inflated(s);
             if !buffer.is_occluded(&m, DVec3::ZERO, &b) {

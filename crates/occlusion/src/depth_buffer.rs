@@ -5,10 +5,12 @@
 
 mod bins;
 mod clip;
+mod occluders;
 mod query;
 mod raster;
 mod vertex;
 
+pub use occluders::Occluders;
 pub use query::{Projected, ScreenBox};
 
 use bins::Bins;

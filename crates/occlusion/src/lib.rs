@@ -18,7 +18,8 @@ mod traversal;
 mod view;
 
 pub use depth_buffer::{
-    Coverage, DepthBuffer, DepthBufferError, DepthBufferStats, Faces, MAX_SIDE, Projected, ScreenBox,
+    Coverage, DepthBuffer, DepthBufferError, DepthBufferStats, Faces, MAX_SIDE, Occluders, Projected,
+    ScreenBox,
 };
 pub use farsight_geometry::bvh::NodeId;
 pub use farsight_geometry::ray::SimdLevel;

@@ -24,22 +24,42 @@ const TINY: f32 = 1e-35;
 /// A triangle whose doubled area is less than this share of the products it is the difference of is too thin.
 const THINNEST: f32 = 1.0 / 1_048_576.0;
 
-/// Eight triangles on their way into the tiles. Lengths in 1/256 px, corners from top to bottom.
+/// Eight triangles on their way into the tiles. Lengths in 1/256 px.
 struct Batch {
-    x: [[i32; 8]; 3],
-    y: [[i32; 8]; 3],
-    /// Pixels per row along the edges 0-2, 0-1, 1-2.
-    slope: [[f32; 8]; 3],
-    /// Depth at corner 0, lowered by the error bound and to the farthest sample of a sub-tile.
+    /// Edges by which rows end: from the top corner to the bottom one, and the two on the other side.
+    edges: [Edges; 3],
+    /// Rows and columns whose centres the triangle's box spans: first, and one after the last.
+    top: [i32; 8],
+    bottom: [i32; 8],
+    begin: [i32; 8],
+    end: [i32; 8],
+    /// Depth at the top corner, lowered by the error bound and to the farthest sample of a sub-tile.
     depth: [f32; 8],
     /// Change of depth per 1/256 px.
     dx: [f32; 8],
     dy: [f32; 8],
     /// Depth of the farthest corner.
     farthest: [f32; 8],
-    /// Bit set where corner 1 lies to the right of edge 0-2.
-    bulges_right: u32,
+    /// The top corner.
+    x: [i32; 8],
+    y: [i32; 8],
+    /// −1 where the two short edges lie on the right.
+    right: [i32; 8],
     usable: u32,
+}
+
+/// An edge of eight triangles. Of its points, dy · (x − x0) − dx · (y − y0) is zero, and grows to the right: zero belongs to
+/// the inside of left edges and to the outside of right ones, so both ask for the first column where it is not negative.
+struct Edges {
+    /// Where it crosses row 0, in columns, and how far it moves per row.
+    x: [f32; 8],
+    slope: [f32; 8],
+    /// Rows are relative to this, so that long slopes do not cancel.
+    y: [f32; 8],
+    /// The exact function at pixel (0, 0) and its steps, in wrapping arithmetic.
+    value: [i32; 8],
+    per_column: [i32; 8],
+    per_row: [i32; 8],
 }
 
 #[inline(always)]
@@ -83,8 +103,14 @@ pub(super) fn draw<S: Simd>(
 
 #[inline(always)]
 fn batch<S: Simd>(simd: S, buffer: &mut DepthBuffer, v: &[[Vertex; 3]; 8], count: usize, faces: Faces) {
-    let batch = set_up(simd, v, faces);
+    let size = [buffer.width as i32, buffer.height as i32];
+    let (batch, rows) = set_up(simd, v, faces, size);
     let mut left = batch.usable & ((1u32 << count) - 1);
+    if left == 0 {
+        return;
+    }
+    buffer.bins.touch(rows[0] as usize / TILE_HEIGHT, (rows[1] as usize).div_ceil(TILE_HEIGHT));
+    buffer.stats.drawn += u64::from(left.count_ones());
     while left != 0 {
         let i = (left.trailing_zeros() & 7) as usize;
         left &= left - 1;
@@ -93,11 +119,28 @@ fn batch<S: Simd>(simd: S, buffer: &mut DepthBuffer, v: &[[Vertex; 3]; 8], count
 }
 
 #[inline(always)]
-fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces) -> Batch {
-    let xs = |k: usize| i32x8::simd_from(simd, std::array::from_fn(|i| v[i][k].x));
-    let ys = |k: usize| i32x8::simd_from(simd, std::array::from_fn(|i| v[i][k].y));
-    let zs = |k: usize| f32x8::simd_from(simd, std::array::from_fn(|i| v[i][k].z));
-    let (mut x, mut y, mut z) = ([xs(0), xs(1), xs(2)], [ys(0), ys(1), ys(2)], [zs(0), zs(1), zs(2)]);
+fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces, size: [i32; 2]) -> (Batch, [i32; 2]) {
+    // Closures between here and the vector operations might not be inlined, at a manifold price; hence macros.
+    macro_rules! gather {
+        ($vector:ident, $k:literal, $field:ident) => {
+            $vector::simd_from(
+                simd,
+                [
+                    v[0][$k].$field,
+                    v[1][$k].$field,
+                    v[2][$k].$field,
+                    v[3][$k].$field,
+                    v[4][$k].$field,
+                    v[5][$k].$field,
+                    v[6][$k].$field,
+                    v[7][$k].$field,
+                ],
+            )
+        };
+    }
+    let mut x = [gather!(i32x8, 0, x), gather!(i32x8, 1, x), gather!(i32x8, 2, x)];
+    let mut y = [gather!(i32x8, 0, y), gather!(i32x8, 1, y), gather!(i32x8, 2, y)];
+    let mut z = [gather!(f32x8, 0, z), gather!(f32x8, 1, z), gather!(f32x8, 2, z)];
     let mut even = i32x8::splat(simd, 0).simd_eq(0);
     macro_rules! sort {
         ($a:literal, $b:literal) => {
@@ -112,10 +155,8 @@ fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces) -> Batch {
     sort!(1, 2);
     sort!(0, 1);
     // Differences of at most 2²³ steps: exact.
-    let float = |a: i32x8<S>| -> f32x8<S> { f32x8::float_from(a) };
     let (dx1, dy1) = (float(x[1] - x[0]), float(y[1] - y[0]));
     let (dx2, dy2) = (float(x[2] - x[0]), float(y[2] - y[0]));
-    let (dx3, dy3) = (float(x[2] - x[1]), float(y[2] - y[1]));
     let (p, q) = (dx1 * dy2, dx2 * dy1);
     let area = p - q;
     let terms = p.abs() + q.abs();
@@ -126,11 +167,28 @@ fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces) -> Batch {
         Faces::Both => usable,
         Faces::Front => usable & (right ^ even),
     };
+    // Rows and columns whose centres lie in the triangle's box.
+    let top = first(y[0]).max(0);
+    let bottom = first(y[2]).min(size[1]);
+    let begin = first(x[0].min(x[1]).min(x[2])).max(0);
+    let end = first(x[0].max(x[1]).max(x[2])).min(size[0]);
+    let usable = usable & top.simd_lt(bottom) & begin.simd_lt(end);
+    // A level edge ends no row; the other short one then stands for both.
+    let (level_upper, level_lower) = (y[0].simd_eq(y[1]), y[1].simd_eq(y[2]));
+    let edges = [
+        edges(simd, [x[0], y[0]], [x[2], y[2]]),
+        edges(
+            simd,
+            [level_upper.select(x[1], x[0]), level_upper.select(y[1], y[0])],
+            [level_upper.select(x[2], x[1]), level_upper.select(y[2], y[1])],
+        ),
+        edges(
+            simd,
+            [level_lower.select(x[0], x[1]), level_lower.select(y[0], y[1])],
+            [level_lower.select(x[1], x[2]), level_lower.select(y[1], y[2])],
+        ),
+    ];
     let one = f32x8::splat(simd, 1.0);
-    let slope = |dx: f32x8<S>, dy: f32x8<S>| {
-        let level = dy.simd_eq(0.0);
-        level.select(f32x8::splat(simd, 0.0), dx / level.select(one, dy))
-    };
     let (dz1, dz2) = (z[1] - z[0], z[2] - z[0]);
     let inverse = one / area;
     let gx = (dz1 * dy2 - dz2 * dy1) * inverse;
@@ -156,141 +214,159 @@ fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces) -> Batch {
     // Of a thin triangle, and where a gradient overflows to NaN or infinity, only the farthest corner is certain.
     let extent = dx1.abs() + dx2.abs() + dy1.abs() + dy2.abs();
     let thick = area.abs().simd_ge(extent * THICK) & depth.abs().simd_lt(1e30) & steep.simd_lt(1e30);
-    let zero = f32x8::splat(simd, 0.0);
+    let flat = f32x8::splat(simd, 0.0);
     let farthest = z[0].min(z[1]).min(z[2]);
-    let (depth, gx, gy) = (thick.select(depth, farthest), thick.select(gx, zero), thick.select(gy, zero));
-    Batch {
-        x: x.map(Into::into),
-        y: y.map(Into::into),
-        slope: [slope(dx2, dy2).into(), slope(dx1, dy1).into(), slope(dx3, dy3).into()],
+    let (depth, gx, gy) = (thick.select(depth, farthest), thick.select(gx, flat), thick.select(gy, flat));
+    let zero = i32x8::splat(simd, 0);
+    let far_up = usable.select(top, i32x8::splat(simd, i32::MAX));
+    let far_down = usable.select(bottom, zero);
+    let (far_up, far_down): ([i32; 8], [i32; 8]) = (far_up.into(), far_down.into());
+    let rows = [far_up.into_iter().fold(i32::MAX, i32::min), far_down.into_iter().fold(0, i32::max)];
+    let batch = Batch {
+        edges,
+        top: top.into(),
+        bottom: bottom.into(),
+        begin: begin.into(),
+        end: end.into(),
         depth: depth.into(),
         dx: gx.into(),
         dy: gy.into(),
         farthest: farthest.into(),
-        bulges_right: right.to_bitmask() as u32,
+        x: x[0].into(),
+        y: y[0].into(),
+        right: right.select(i32x8::splat(simd, -1), zero).into(),
         usable: usable.to_bitmask() as u32,
+    };
+    (batch, rows)
+}
+
+#[inline(always)]
+fn edges<S: Simd>(simd: S, [x0, y0]: [i32x8<S>; 2], [x1, y1]: [i32x8<S>; 2]) -> Edges {
+    let (dx, dy) = (x1 - x0, y1 - y0);
+    // Without height the triangle has no rows; any slope will do.
+    let level = dy.simd_eq(0);
+    let slope = float(dx) / level.select(f32x8::splat(simd, 1.0), float(dy));
+    let value = dy * (x0 * -1 + 128) - dx * (y0 * -1 + 128);
+    Edges {
+        x: (float(x0) * (1.0 / 256.0) + (CLAMP + 0.5)).into(),
+        slope: (slope * (1.0 / 256.0)).into(),
+        y: float(y0).into(),
+        value: value.into(),
+        per_column: (dy << 8).into(),
+        per_row: ((dx << 8) * -1).into(),
     }
 }
 
-/// An edge by which columns of a row are inside or outside.
-struct Edge<S: Simd> {
-    x0: f32,
-    slope: f32,
-    y0: i32,
-    /// Smallest column c with value + c · per_column ≥ 0 for `value` of a row: exact, in wrapping arithmetic.
-    per_column: i32,
-    per_row: i32,
-    at_origin: i32x8<S>,
+#[inline(always)]
+fn float<S: Simd>(v: i32x8<S>) -> f32x8<S> {
+    f32x8::float_from(v)
+}
+
+/// The first row or column whose centre is not before a coordinate.
+#[inline(always)]
+fn first<S: Simd>(v: i32x8<S>) -> i32x8<S> {
+    (v + 127) >> 8
+}
+
+/// Bits from `by` on; none for 32, for which a shift need not give zero.
+#[inline(always)]
+fn ones_from<S: Simd>(simd: S, by: i32x8<S>) -> i32x8<S> {
+    let zero = i32x8::splat(simd, 0);
+    let whole = by.simd_ge(32);
+    whole.select(zero, i32x8::splat(simd, -1) << whole.select(zero, by))
 }
 
 /// Columns beyond which crossings are clamped; they are off by at most one.
 const CLAMP: f32 = 16_400.0;
 
+/// An edge on its way down the rows.
+struct Edge<S: Simd> {
+    x: f32,
+    slope: f32,
+    y: f32,
+    per_column: i32,
+    per_rows: i32,
+    value: i32x8<S>,
+}
+
 impl<S: Simd> Edge<S> {
     #[inline(always)]
-    fn new(simd: S, [x0, y0]: [i32; 2], [x1, y1]: [i32; 2], slope: f32) -> Self {
-        let (dx, dy) = (x1.wrapping_sub(x0), y1.wrapping_sub(y0));
-        // Downward edge: dy·(x − x0) − dx·(y − y0) grows with x; zero belongs to the left edge's inside, and to the
-        // right edge's outside. Both ask for the first column at which it is not negative.
-        let per_column = dy.wrapping_mul(256);
-        let per_row = dx.wrapping_mul(-256);
-        let value =
-            dy.wrapping_mul(128i32.wrapping_sub(x0)).wrapping_sub(dx.wrapping_mul(128i32.wrapping_sub(y0)));
-        Self {
-            x0: x0 as f32 * (1.0 / 256.0) - 0.5,
-            slope,
-            y0,
-            per_column,
-            per_row,
-            at_origin: i32x8::splat(simd, value),
-        }
+    fn new(simd: S, e: &Edges, i: usize, lanes: i32x8<S>, row: i32) -> Self {
+        let per_row = e.per_row[i];
+        let first = e.value[i].wrapping_add(per_row.wrapping_mul(row));
+        let value = lanes * i32x8::splat(simd, per_row) + first;
+        let per_rows = per_row.wrapping_mul(TILE_HEIGHT as i32);
+        Self { x: e.x[i], slope: e.slope[i], y: e.y[i], per_column: e.per_column[i], per_rows, value }
     }
 
-    /// For eight rows from `row` on, the first column whose centre is on or right of the edge.
+    /// For the next eight rows the first column whose centre is on or right of the edge.
     #[inline(always)]
-    fn crossing(&self, simd: S, rows: i32x8<S>, centres: f32x8<S>) -> i32x8<S> {
-        let estimate = (centres - self.y0 as f32) * (self.slope * (1.0 / 256.0)) + self.x0;
-        let estimate = estimate.ceil().min(CLAMP).max(-CLAMP);
-        let column: i32x8<S> = i32x8::truncate_from(estimate);
-        let value = self.at_origin + rows * self.per_row + column * self.per_column;
-        let zero = i32x8::splat(simd, 0);
-        let before = value - self.per_column;
-        let late = value.simd_lt(zero);
-        let early = before.simd_ge(zero);
-        // Masks are −1 where true.
-        column + late.select(i32x8::splat(simd, 1), zero) - early.select(i32x8::splat(simd, 1), zero)
+    fn crossing(&mut self, centres: f32x8<S>) -> i32x8<S> {
+        // Positive before truncation, so that this is the floor plus one: off by one column at most.
+        let estimate = (centres - self.y) * self.slope + self.x;
+        let column: i32x8<S> = i32x8::truncate_from(estimate.min(2.0 * CLAMP).max(0.0));
+        let column = column - CLAMP as i32;
+        let value = column * self.per_column + self.value;
+        self.value += self.per_rows;
+        // Shifts make −1 of negative numbers.
+        column - (value >> 31) - ((value - self.per_column) >> 31) - 1
     }
 }
 
 #[inline(always)]
 fn rasterise<S: Simd>(simd: S, buffer: &mut DepthBuffer, b: &Batch, i: usize) {
-    let corner = |k: usize| [b.x[k][i], b.y[k][i]];
-    let (c0, c1, c2) = (corner(0), corner(1), corner(2));
-    // Rows whose centres lie in [top, bottom), columns that the corners span.
-    let first = |v: i32| (v + 127) >> 8;
-    let top = first(c0[1]).max(0);
-    let bottom = first(c2[1]).min(buffer.height as i32);
-    let begin = first(c0[0].min(c1[0]).min(c2[0])).max(0);
-    let end = first(c0[0].max(c1[0]).max(c2[0])).min(buffer.width as i32);
-    if top >= bottom || begin >= end {
-        return;
-    }
-    buffer.stats.drawn += 1;
-    let right = b.bulges_right >> i & 1 != 0;
-    let long = Edge::new(simd, c0, c2, b.slope[0][i]);
-    let upper = Edge::new(simd, c0, c1, b.slope[1][i]);
-    let lower = Edge::new(simd, c1, c2, b.slope[2][i]);
-    let level_upper = c0[1] == c1[1];
-    let level_lower = c1[1] == c2[1];
+    let (top, bottom, begin, end) = (b.top[i], b.bottom[i], b.begin[i], b.end[i]);
     let tile_rows = top as usize / TILE_HEIGHT..(bottom as usize - 1) / TILE_HEIGHT + 1;
-    buffer.bins.touch(tile_rows.start, tile_rows.end);
     let lanes = i32x8::simd_from(simd, [0, 1, 2, 3, 4, 5, 6, 7]);
+    let row = (tile_rows.start * TILE_HEIGHT) as i32;
+    let mut long = Edge::new(simd, &b.edges[0], i, lanes, row);
+    let mut upper = Edge::new(simd, &b.edges[1], i, lanes, row);
+    let mut lower = Edge::new(simd, &b.edges[2], i, lanes, row);
+    let right = i32x8::splat(simd, b.right[i]).simd_lt(0);
     let columns = buffer.bins.columns;
-    // Depth at the first sample of each sub-tile of tile (0, 0), relative to corner 0.
+    // Depth at the first sample of each sub-tile of tile (0, 0), relative to the top corner.
     let (gx, gy) = (b.dx[i], b.dy[i]);
     let lane_x = f32x8::simd_from(simd, [0.0, 2048.0, 4096.0, 6144.0, 0.0, 2048.0, 4096.0, 6144.0]);
     let lane_y = f32x8::simd_from(simd, [0.0, 0.0, 0.0, 0.0, 1024.0, 1024.0, 1024.0, 1024.0]);
     let lane_depth = lane_x * gx + lane_y * gy + b.depth[i];
     let farthest = f32x8::splat(simd, b.farthest[i]);
+    let tiles = [begin as usize / TILE_WIDTH, (end as usize - 1) / TILE_WIDTH + 1];
     for tile_row in tile_rows {
         let y = (tile_row * TILE_HEIGHT) as i32;
         let rows = lanes + y;
-        let centres: f32x8<S> = f32x8::float_from(rows * 256 + 128);
-        let a = long.crossing(simd, rows, centres);
-        // A level edge bounds no row; the other short edge then stands for both.
-        let (u, l) = match (level_upper, level_lower) {
-            (true, _) => {
-                let l = lower.crossing(simd, rows, centres);
-                (l, l)
-            }
-            (_, true) => {
-                let u = upper.crossing(simd, rows, centres);
-                (u, u)
-            }
-            _ => (upper.crossing(simd, rows, centres), lower.crossing(simd, rows, centres)),
-        };
-        let (from, to) = if right { (a, u.min(l)) } else { (u.max(l), a) };
-        let from = from.max(begin);
-        let to = to.min(end);
+        let centres: f32x8<S> = f32x8::float_from((rows << 8) + 128);
+        let (a, u, l) = (long.crossing(centres), upper.crossing(centres), lower.crossing(centres));
+        let from = right.select(a, u.max(l)).max(begin);
+        let to = right.select(u.min(l), a).min(end);
         let in_rows = rows.simd_ge(top) & rows.simd_lt(bottom);
         let to = in_rows.select(to, i32x8::splat(simd, 0));
-        let filled = from.simd_lt(to);
-        if !filled.any_true() {
-            continue;
+        let mut tiles = tiles;
+        // Where the box is wide most of its tiles may be empty.
+        if tiles[1] - tiles[0] > 2 {
+            let filled = from.simd_lt(to);
+            let least = filled.select(from, i32x8::splat(simd, i32::MAX)).reduce_min();
+            let most = filled.select(to, i32x8::splat(simd, 0)).reduce_max();
+            if most == 0 {
+                continue;
+            }
+            tiles = [least as usize / TILE_WIDTH, (most as usize - 1) / TILE_WIDTH + 1];
         }
-        let from = filled.select(from, i32x8::splat(simd, i32::MAX));
-        let to = filled.select(to, i32x8::splat(simd, 0));
-        let (least, most) = (from.reduce_min(), to.reduce_max());
-        let down = (y * 256 + 128 - c0[1]) as f32;
-        for tile_column in least as usize / TILE_WIDTH..(most as usize - 1) / TILE_WIDTH + 1 {
+        let down = gy * (y * 256 + 128 - b.y[i]) as f32;
+        for tile_column in tiles[0]..tiles[1] {
             let x = (tile_column * TILE_WIDTH) as i32;
             let covered = sub_tiles(simd, from - x, to - x);
-            let across = (x * 256 + 128 - c0[0]) as f32;
-            let depth = (lane_depth + (gx * across + gy * down)).max(farthest);
+            let across = gx * (x * 256 + 128 - b.x[i]) as f32;
+            let depth = (lane_depth + (across + down)).max(farthest);
             buffer.bins.merge(simd, tile_row * columns + tile_column, covered, depth);
         }
     }
 }
+
+/// Transposes 4 x 4 bytes, twice.
+const TRANSPOSE: [u8; 32] = [
+    0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15, 0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11,
+    15,
+];
 
 /// From a lane per row to a lane per sub-tile: columns `from..to` of each row, relative to the tile.
 #[inline(always)]
@@ -298,18 +374,9 @@ fn sub_tiles<S: Simd>(simd: S, from: i32x8<S>, to: i32x8<S>) -> i32x8<S> {
     let from = from.max(0).min(32);
     let to = to.max(0).min(32);
     if simd.level().as_sse4_2().is_some() || cfg!(not(any(target_arch = "x86", target_arch = "x86_64"))) {
-        // A shift by 32 need not give zero.
-        let ones = |by: i32x8<S>| {
-            let whole = by.simd_ge(32);
-            whole.select(
-                i32x8::splat(simd, 0),
-                i32x8::splat(simd, -1) << whole.select(i32x8::splat(simd, 0), by),
-            )
-        };
-        let rows = ones(from) & !ones(to);
+        let rows = ones_from(simd, from) & !ones_from(simd, to);
         let bytes: u8x32<S> = rows.bitcast();
-        const TRANSPOSE: [u8; 16] = [0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15];
-        let order = u8x32::simd_from(simd, std::array::from_fn(|i| TRANSPOSE[i % 16]));
+        let order = u8x32::simd_from(simd, TRANSPOSE);
         let bytes: u8x32<S> = simd.swizzle_dyn_within_blocks_u8x32(bytes, order);
         return bytes.bitcast();
     }

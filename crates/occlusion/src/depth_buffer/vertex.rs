@@ -60,12 +60,24 @@ pub(super) fn transform<S: Simd>(
     }
 }
 
+/// The coordinate in steps, rounded; a whole number in the low bits.
+#[inline(always)]
+fn snap<S: Simd>(simd: S, v: f64x4<S>) -> f64x4<S> {
+    // The floor, without an instruction for it: the nearest whole number, less one where that is above.
+    let v = v * SUBPIXELS + BIAS;
+    let nearest = v + WHOLE;
+    let above = (nearest - WHOLE).simd_gt(v);
+    nearest - above.select(f64x4::splat(simd, 1.0), f64x4::splat(simd, 0.0))
+}
+
 #[inline(always)]
 fn four_of<S: Simd>(simd: S, m: &DMat4, p: [Vec3; 4], width: f64, height: f64) -> [Vertex; 4] {
-    let lanes = |f: [f32; 4]| f64x4::simd_from(simd, [f[0].into(), f[1].into(), f[2].into(), f[3].into()]);
-    let px = lanes([p[0].x, p[1].x, p[2].x, p[3].x]);
-    let py = lanes([p[0].y, p[1].y, p[2].y, p[3].y]);
-    let pz = lanes([p[0].z, p[1].z, p[2].z, p[3].z]);
+    macro_rules! lanes {
+        ($f:ident) => {
+            f64x4::simd_from(simd, [p[0].$f.into(), p[1].$f.into(), p[2].$f.into(), p[3].$f.into()])
+        };
+    }
+    let (px, py, pz) = (lanes!(x), lanes!(y), lanes!(z));
     let x = px * m.x_axis.x + py * m.y_axis.x + pz * m.z_axis.x + m.w_axis.x;
     let y = px * m.x_axis.y + py * m.y_axis.y + pz * m.z_axis.y + m.w_axis.y;
     let z = px * m.x_axis.z + py * m.y_axis.z + pz * m.z_axis.z + m.w_axis.z;
@@ -83,17 +95,23 @@ fn four_of<S: Simd>(simd: S, m: &DMat4, p: [Vec3; 4], width: f64, height: f64) -
         & z.simd_le(w)
         & depth.simd_ge(-1e30);
     let good = good.to_bitmask() as u32;
-    let outside = [x.simd_lt(-w), x.simd_gt(w), y.simd_lt(-w), y.simd_gt(w), z.simd_gt(w)];
-    let outside = outside.map(|o| o.to_bitmask() as u32);
-    let snap = |v: f64x4<S>| -> [f64; 4] { ((v * SUBPIXELS + BIAS).floor() + WHOLE).into() };
-    let (columns, rows, depths): ([f64; 4], [f64; 4], [f64; 4]) = (snap(column), snap(row), depth.into());
-    std::array::from_fn(|i| {
-        let whole = |v: f64| (v.to_bits() as i32).wrapping_sub(1 << 24);
+    let left = x.simd_lt(-w).to_bitmask() as u32;
+    let right = x.simd_gt(w).to_bitmask() as u32;
+    let below = y.simd_lt(-w).to_bitmask() as u32;
+    let above = y.simd_gt(w).to_bitmask() as u32;
+    let before = z.simd_gt(w).to_bitmask() as u32;
+    let (columns, rows, depths): ([f64; 4], [f64; 4], [f64; 4]) =
+        (snap(simd, column).into(), snap(simd, row).into(), depth.into());
+    let mut out = [Vertex::default(); 4];
+    for i in 0..4 {
         let rounded = depths[i] as f32;
         // Away from the eye, also where the division had rounded towards it.
         let down = if f64::from(rounded) >= depths[i] { rounded.next_down() } else { rounded };
-        let sides = (0..5).fold(0, |code, k| code | (outside[k] >> i & 1) << k);
-        let clip = if good >> i & 1 == 0 { NEEDS_CLIP } else { 0 };
-        Vertex { x: whole(columns[i]), y: whole(rows[i]), z: down, code: sides | clip }
-    })
+        let bit = |lanes: u32, k: u32| (lanes >> i & 1) << k;
+        let sides = bit(left, 0) | bit(right, 1) | bit(below, 2) | bit(above, 3) | bit(before, 4);
+        let clip = bit(!good, NEEDS_CLIP.trailing_zeros());
+        let whole = |v: f64| (v.to_bits() as i32).wrapping_sub(1 << 24);
+        out[i] = Vertex { x: whole(columns[i]), y: whole(rows[i]), z: down, code: sides | clip };
+    }
+    out
 }

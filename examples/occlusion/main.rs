@@ -1,0 +1,95 @@
+//! Occlusion culling on a walk through a town, without a graphics card: the software depth buffer answers the queries.
+//!
+//! ```text
+//! cargo run --release --example occlusion              a town of 1.4 M triangles
+//! cargo run --release --example occlusion -- --quick   a small one
+//! ```
+//!
+//! You should see a table of all algorithms (mean work per frame, CPU time with the culling's own cost included, pixels that differ
+//! from drawing everything: none), then `out/occlusion/view.png`, what the camera sees, and `out/occlusion/above.png`, the town
+//! from above with what became of each node: green drawn, yellow drawn though hidden, red culled, grey never looked at.
+
+mod above;
+mod walk;
+
+use clap::Parser;
+use farsight_occlusion::{Algorithm, Options, Order, Schedule};
+use farsight_raster::scenes::{City, Path};
+use farsight_raster::{Image, Rasteriser, RenderOptions, render_scene};
+use std::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use walk::{Report, Town};
+
+#[derive(Parser)]
+#[command(about = "Walks through a town with every culling algorithm")]
+struct Arguments {
+    /// A small town, a small image, few frames.
+    #[arg(long)]
+    quick: bool,
+    /// Folder for the pictures.
+    #[arg(long, default_value = "out/occlusion")]
+    out: PathBuf,
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("occlusion: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let city = if arguments.quick { City::small() } else { City::default() };
+    let (frames, size) = if arguments.quick { (8, [320, 180]) } else { (40, [1280, 720]) };
+    let scene = city.build()?;
+    let path = Path::street_walk(&city);
+    let town = Town::new(&scene)?;
+    println!("{} objects, {} triangles, {frames} frames", scene.instances().len(), scene.placed_triangles());
+    println!(
+        "{:<24} {:>8} {:>9} {:>8} {:>8} {:>7} {:>9} {:>8}",
+        "per frame", "drawn", "triangles", "visited", "queries", "late", "CPU ms", "wrong px"
+    );
+    let camera = |i: usize| Ok::<_, Box<dyn Error>>(path.camera(i, frames)?.with_image(size[0], size[1])?);
+    let cameras = (0..frames).map(camera).collect::<Result<Vec<_>, _>>()?;
+    let mut reference: Option<Report> = None;
+    let mut last = None;
+    for (name, options) in algorithms() {
+        let (report, culler) = town.walk(options, &cameras)?;
+        report.print(name, reference.as_ref());
+        reference.get_or_insert(report);
+        last = Some(culler);
+    }
+    let culler = last.ok_or("no algorithm")?;
+    std::fs::create_dir_all(&arguments.out)
+        .map_err(|e| format!("cannot write to {}: {e}", arguments.out.display()))?;
+    let end = cameras[frames - 1];
+    let (target, _) = render_scene(&mut Rasteriser::new(), &scene, &end, &RenderOptions::default())?;
+    Image::from_colour(&target).write_png(arguments.out.join("view.png"))?;
+    above::picture(&town.bvh, &culler, &end, 900)?.write_png(arguments.out.join("above.png"))?;
+    println!("{}", arguments.out.join("above.png").display());
+    Ok(())
+}
+
+/// The baseline first, what to use last.
+fn algorithms() -> Vec<(&'static str, Options)> {
+    let with = |change: fn(&mut Options)| {
+        let mut options = Options::default();
+        change(&mut options);
+        options
+    };
+    vec![
+        ("frustum only", Options::baseline(Algorithm::FrustumOnly)),
+        ("naive", Options::baseline(Algorithm::Naive)),
+        ("stop and wait", Options::baseline(Algorithm::StopAndWait)),
+        ("pseudocode", Options::pseudocode()),
+        ("stack", with(|o| o.order = Order::Stack)),
+        ("leaves every 5 frames", with(|o| o.query_leaves_every = 5)),
+        ("16 nodes per query", with(|o| o.nodes_per_query = 16)),
+        ("waves", with(|o| o.schedule = Schedule::Waves)),
+        ("coherent", Options::default()),
+    ]
+}
