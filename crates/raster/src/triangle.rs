@@ -19,7 +19,7 @@ pub(crate) struct Vertex {
     /// Pixel position.
     pub(crate) x: f64,
     pub(crate) y: f64,
-    /// Depth, 1 near to 0 far.
+    /// Depth, 1 near to 0 far; beyond that where depth is clamped.
     pub(crate) z: f64,
     pub(crate) w: f64,
     /// Pixel position in 1/256 px.
@@ -32,7 +32,8 @@ impl Vertex {
     #[inline(always)]
     pub(crate) fn project(p: DVec4, viewport: &crate::clip::Viewport, outcode: u32) -> Self {
         let px = viewport.homogeneous_px(p) / p.w;
-        let z = (p.z / p.w).clamp(0.0, 1.0);
+        // Not clamped here: that would tilt the plane of a triangle that reaches beyond the depth range.
+        let z = p.z / p.w;
         // The bias makes truncation a floor; NaN and huge values saturate and are never used (they need clipping).
         const BIAS: f64 = 16_777_216.5;
         let snap = |v: f64| ((v * SUBPIXELS + BIAS) as i32).wrapping_sub(1 << 24);
@@ -154,7 +155,7 @@ impl Setup {
         let (x1, y1, z1) = (b.x - a.x, b.y - a.y, b.z - a.z);
         let (x2, y2, z2) = (c.x - a.x, c.y - a.y, c.z - a.z);
         let area = x1 * y2 - x2 * y1;
-        let (low, high) = (a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z));
+        let (low, high) = (a.z.min(b.z).min(c.z).clamp(0.0, 1.0), a.z.max(b.z).max(c.z).clamp(0.0, 1.0));
         let range = [low as f32, high as f32];
         if area.abs() < FLAT_AREA {
             return ([low, 0.0, 0.0], range);

@@ -2,7 +2,7 @@
 
 use crate::ShadowError;
 use crate::light::{LightAxes, LightSpace, MAX_COORDINATE, ShadowLight, in_plane};
-use crate::skip;
+use crate::skip::{self, Rays};
 use farsight_geometry::{Camera, ConvexBody, DAabb, Plane, Projection};
 use glam::{DVec2, DVec3};
 
@@ -113,6 +113,7 @@ pub struct Focus {
     light_planes: Vec<Plane>,
     body: ConvexBody,
     skip: skip::Scratch,
+    shadow_test: skip::ShadowTest,
 }
 
 impl Focus {
@@ -148,8 +149,9 @@ impl Focus {
         }
         self.choose_axes(light, camera);
         self.project_receivers(camera);
-        self.gather_casters(scope.casters);
-        if self.casters.is_empty() || self.casters_miss(scope.casters) {
+        self.body.set_camera(camera, scope.shadow_far, self.origin);
+        self.shadow_test.set_receivers(self.body.planes(), &self.points);
+        if !self.gather_casters(scope.casters) {
             return Ok(Some(Skip::NoCaster));
         }
         if scope.lit_outside {
@@ -207,11 +209,13 @@ impl Focus {
         self.footprint = DAabb::from_points(self.receivers.iter().map(|c| c.q));
     }
 
-    /// Keeps the parts of the casters over the receivers' footprint, not below all receivers.
-    fn gather_casters(&mut self, casters: &[DAabb]) {
-        let (b, s) = (&self.footprint, &self.space);
+    /// Keeps the parts of the casters over the receivers' footprint, not below all receivers. Returns whether any of them can throw
+    /// a shadow on what is seen.
+    fn gather_casters(&mut self, casters: &[DAabb]) -> bool {
+        let Self { footprint, space, points, body, light_planes, origin, shadow_test, .. } = self;
+        let (b, s) = (*footprint, *space);
         // A caster that only touches the footprint from outside still counts: its shadow's edge may show.
-        let largest = self.points.iter().fold(1.0, |m: f64, p| m.max(p.abs().max_element()));
+        let largest = points.iter().fold(1.0, |m: f64, p| m.max(p.abs().max_element()));
         let planes = [
             (s.x, b.min.x, 1.0),
             (s.x, b.max.x, -1.0),
@@ -220,23 +224,24 @@ impl Focus {
             (s.y, b.min.y, 1.0),
         ]
         .map(|(form, at, sign)| s.plane(form, at, sign, 1e-12 * largest));
+        let rays = self.light.map_or(Rays::Parallel(DVec3::ZERO), |l| Rays::of(&l, *origin));
+        let mut outlines_meet = false;
         for caster in casters {
-            self.body.set_box(&relative(caster, self.origin));
-            self.light_planes.iter().take(1).for_each(|p| self.body.clip(p));
-            planes.iter().for_each(|p| self.body.clip(p));
-            self.casters.extend(self.body.vertices().iter().map(|&v| s.project(v).0));
-        }
-    }
-
-    /// Whether no caster's outline, seen from the light, meets that of the receivers (their boxes do).
-    fn casters_miss(&mut self, casters: &[DAabb]) -> bool {
-        let Self { skip, body, receivers, light_planes, space, origin, .. } = self;
-        skip.set_receivers(receivers.iter().map(|c| in_plane(c.q)));
-        !casters.iter().any(|caster| {
-            body.set_box(&relative(caster, *origin));
+            let caster = relative(caster, *origin);
+            body.set_box(&caster);
             light_planes.iter().take(1).for_each(|p| body.clip(p));
-            skip.meets(body.vertices().iter().map(|&v| in_plane(space.project(v).0)))
-        })
+            if shadow_test.misses(&caster, body.vertices(), points, rays) {
+                continue;
+            }
+            if !outlines_meet {
+                let outline = |c: &Corner| in_plane(c.q);
+                self.skip.set_receivers(self.receivers.iter().map(outline));
+                outlines_meet = self.skip.meets(body.vertices().iter().map(|&v| in_plane(s.project(v).0)));
+            }
+            planes.iter().for_each(|p| body.clip(p));
+            self.casters.extend(body.vertices().iter().map(|&v| s.project(v).0));
+        }
+        outlines_meet && !self.casters.is_empty()
     }
 
     /// Cuts the receivers down to the casters' rectangle in light space.

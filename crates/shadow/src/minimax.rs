@@ -77,7 +77,8 @@ impl<'a> Fit<'a> {
     /// Whether the worst texel over the whole body is certainly at a corner: |κ·x| ≤ √2·w at all of them.
     pub fn corners_decide(&self, kappa: f64) -> bool {
         // A little less than √2, for rounding.
-        self.corners.iter().all(|c| (kappa * c.q.x).abs() <= 1.414_213 * (1.0 + kappa * (c.q.z - self.near)))
+        let most = std::f64::consts::SQRT_2 * (1.0 - 1e-6);
+        self.corners.iter().all(|c| (kappa * c.q.x).abs() <= most * (1.0 + kappa * (c.q.z - self.near)))
     }
 
     /// The κ with the least worst texel, and that texel; κ = 0 when no warp is better.

@@ -1,6 +1,78 @@
-//! Whether two outlines in the plane meet: exact for convex outlines, where boxes alone would say yes too often.
+//! Whether a caster's shadow can meet what is seen: outlines seen from the light, and planes that part the two.
 
-use glam::DVec2;
+use crate::light::ShadowLight;
+use farsight_geometry::{DAabb, Plane};
+use glam::{DVec2, DVec3};
+
+/// How light travels, relative to the eye.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Rays {
+    /// In one direction.
+    Parallel(DVec3),
+    /// Away from a point.
+    From(DVec3),
+}
+
+impl Rays {
+    pub fn of(light: &ShadowLight, origin: DVec3) -> Self {
+        match *light {
+            ShadowLight::Directional { direction } => Self::Parallel(direction),
+            ShadowLight::Spot { position, .. } => Self::From(position - origin),
+        }
+    }
+
+    /// The direction of light at a point.
+    fn at(&self, p: DVec3) -> DVec3 {
+        match *self {
+            Self::Parallel(direction) => direction,
+            Self::From(light) => p - light,
+        }
+    }
+}
+
+/// Planes around what is seen.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ShadowTest {
+    planes: Vec<Plane>,
+    bounds: DAabb,
+}
+
+impl ShadowTest {
+    /// Takes the planes of the view and the corners of the receivers in it.
+    pub fn set_receivers(&mut self, view: &[Plane], points: &[DVec3]) {
+        self.planes.clear();
+        self.planes.extend_from_slice(view);
+        self.bounds = DAabb::from_points(points.iter().copied());
+    }
+
+    /// Whether a plane of the receivers or of the caster's box parts the caster's shadow volume from the receivers.
+    ///
+    /// `vertices` are those of the caster's part before the light. Never true when the shadow meets a receiver.
+    pub fn misses(&self, caster: &DAabb, vertices: &[DVec3], points: &[DVec3], rays: Rays) -> bool {
+        if vertices.is_empty() {
+            return true;
+        }
+        let b = &self.bounds;
+        let largest = |b: &DAabb| b.min.abs().max(b.max.abs()).max_element();
+        let slack = 1e-12 * (largest(b) + largest(caster) + 1.0);
+        // Beyond a plane of the receivers, and light leads farther away from it.
+        let beyond = |normal: DVec3, offset: f64| {
+            vertices.iter().all(|&v| normal.dot(v) + offset < -slack && normal.dot(rays.at(v)) <= 0.0)
+        };
+        if self.planes.iter().any(|p| beyond(p.normal, p.offset)) {
+            return true;
+        }
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+        let of_bounds = |i: usize| beyond(axes[i], -b.min[i]) || beyond(-axes[i], b.max[i]);
+        // All receivers on the outer side of a face of the caster from which light leads inwards.
+        let behind = |normal: DVec3, at: f64| {
+            vertices.iter().all(|&v| normal.dot(rays.at(v)) <= 0.0)
+                && points.iter().all(|&p| normal.dot(p) - at > slack)
+        };
+        let of_caster = |i: usize| behind(axes[i], caster.max[i]) || behind(-axes[i], -caster.min[i]);
+        (0..3).any(|i| of_bounds(i) || of_caster(i))
+    }
+}
 
 /// Buffers of the test.
 #[derive(Clone, Debug, Default)]

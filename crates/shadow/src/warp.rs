@@ -394,7 +394,8 @@ mod tests {
                 "gamma {gamma} r {r}: {found} {brute}"
             );
         }
-        assert!(worst >= 1.0);
+        println!("worst texel over that of the best of 20000 strengths, minus one: {:.1e}", worst - 1.0);
+        assert!(worst >= 1.0 - 1e-9);
     }
 
     #[test]

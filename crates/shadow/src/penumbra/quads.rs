@@ -209,6 +209,8 @@ impl EdgeList {
 }
 
 /// Points from which an edge may be seen across a light.
+// Nearly all are wedges; a box for each would cost more than the few others waste.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Penumbra {
     /// The wedge behind the edge.

@@ -64,21 +64,6 @@ pub struct Outcome {
     pub resolved: u64,
 }
 
-impl Outcome {
-    pub fn plus(self, other: Self) -> Self {
-        Self {
-            tried: self.tried + other.tried,
-            maps: self.maps + other.maps,
-            not_finite: self.not_finite + other.not_finite,
-            outside: self.outside + other.outside,
-            wrong_rays: self.wrong_rays + other.wrong_rays,
-            shift: self.shift.max(other.shift),
-            shift_resolved: self.shift_resolved.max(other.shift_resolved),
-            resolved: self.resolved + other.resolved,
-        }
-    }
-}
-
 fn log_uniform(u: f64, low: f64, high: f64) -> f64 {
     low * (high / low).powf(u)
 }
