@@ -32,6 +32,8 @@ pub enum Unit {
     Radians,
     /// A share of a whole, 0 to 1.
     Fraction,
+    /// Milliseconds of rendering time.
+    Milliseconds,
 }
 
 /// How single errors were condensed into one number, from the weakest statement to the strongest.
@@ -142,6 +144,7 @@ impl fmt::Display for Unit {
             Unit::Metres => "m",
             Unit::Radians => "rad",
             Unit::Fraction => "1",
+            Unit::Milliseconds => "ms",
         })
     }
 }

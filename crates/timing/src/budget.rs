@@ -2,7 +2,10 @@
 //!
 //! Every object takes one of its levels; a level has a cost and a benefit. Cheaper levels that are also better make others pointless;
 //! what remains per object is its convex hull, along which each step up has a falling benefit per cost. The greedy answer
-//! takes the best steps of all objects until the next one does not fit (Funkhouser & Séquin 1993 as corrected by Wimmer 2007, 2.6).
+//! takes the best steps of all objects until the next one does not fit (Funkhouser & Séquin 1993).
+//!
+//! Differs: levels that do not fit even alone are left out before the hulls are made. Only then is any step on a hull affordable by itself, and
+//! the better of the greedy answer and the best single level worth half of the optimum.
 
 use crate::{Millis, TimingError};
 
@@ -15,16 +18,21 @@ pub struct Level {
     pub benefit: f64,
 }
 
+/// Largest cost and benefit, so that sums over any number of objects and their products stay finite.
+const LARGEST: f64 = 1e100;
+
 /// A step up along an object's hull.
 #[derive(Clone, Copy, Debug)]
 struct Step {
-    /// Benefit gained per millisecond; falls along an object.
+    /// Benefit gained per millisecond; never rises along an object.
     efficiency: f64,
     cost: f64,
     benefit: f64,
     object: u32,
     /// Level reached.
     level: u32,
+    /// Place along the object's hull.
+    rank: u32,
 }
 
 /// What was chosen.
@@ -36,16 +44,30 @@ pub struct Choice {
     pub benefit: f64,
     /// No choice within the limit is worth more: the optimum of the relaxed problem.
     pub bound: f64,
-    /// Whether even the cheapest levels exceed the limit.
+    /// Whether even the cheapest levels exceed the limit; those are chosen then.
     pub over: bool,
 }
 
-/// Chooses levels; keeps its buffers from frame to frame.
+/// One level alone above the cheapest ones: what it gains.
+#[derive(Clone, Copy, Debug)]
+struct Single {
+    gain: f64,
+    object: u32,
+    level: u32,
+}
+
+/// Chooses levels; keeps its buffers, and where it stopped, from frame to frame.
 #[derive(Clone, Debug, Default)]
 pub struct Budget {
     steps: Vec<Step>,
     hull: Vec<(u32, Level)>,
+    order: Vec<u32>,
+    cheapest: Vec<u32>,
     chosen: Vec<u32>,
+    /// Rank of each chosen level along its hull.
+    ranks: Vec<u32>,
+    /// Efficiency at which the last frame ran out of time.
+    last_break: Option<f64>,
 }
 
 impl Budget {
@@ -57,22 +79,28 @@ impl Budget {
     /// Chooses a level for each object. `first[i]..first[i + 1]` are object i's levels in `levels`, in any order.
     ///
     /// # Accuracy
-    /// The benefit is at least half of the optimum (of what can be gained over the cheapest levels), and with many objects far closer;
-    /// [`Choice::bound`] says how close at least.
+    /// What is gained over the cheapest levels is at least half of what can be, and with many objects far closer;
+    /// [`Choice::bound`] says how close at least. The answer does not depend on earlier frames.
     ///
     /// # Cost
-    /// About 0.5 ms for 10,000 objects of five levels; linear in the levels (selection, not sorting); no allocation in steady state.
+    /// Expected linear in the objects (selection, not sorting), n log n in the levels of one object: about 0.5 ms for 10,000 objects of five
+    /// levels. Where the last frame ran out of time is looked at first, so a frame like the last one costs two passes over the steps. No
+    /// allocation in steady state.
     ///
     /// # Errors
-    /// [`TimingError::Level`] for a cost that is negative or not finite or a benefit that is not finite, [`TimingError::NoLevel`] for an
-    /// object without levels.
+    /// [`TimingError::Level`] for a cost that is negative, a number that is not finite or beyond 10¹⁰⁰, [`TimingError::NoLevel`] for an
+    /// object without levels. Nothing is chosen then.
     pub fn choose(&mut self, levels: &[Level], first: &[u32], limit: Millis) -> Result<Choice, TimingError> {
-        let base = self.gather(levels, first)?;
+        self.chosen.clear();
+        let base = self.choose_cheapest(levels, first)?;
+        self.chosen.extend_from_slice(&self.cheapest);
         let room = limit.0 - base.cost.0;
-        if room < 0.0 {
+        // A limit that is not a number leaves no room either.
+        if room < 0.0 || room.is_nan() {
             return Ok(Choice { over: true, bound: base.benefit, ..base });
         }
-        Ok(self.take_best(levels, first, base, room))
+        let single = self.collect_steps(levels, first, room);
+        Ok(self.take_best(levels, first, base, room, single))
     }
 
     /// The level of each object, as an index among its own levels.
@@ -80,63 +108,71 @@ impl Budget {
         &self.chosen
     }
 
-    /// Collects the steps of all objects' hulls, and chooses their cheapest levels.
-    fn gather(&mut self, levels: &[Level], first: &[u32]) -> Result<Choice, TimingError> {
-        self.steps.clear();
-        self.chosen.clear();
+    /// Checks all levels and finds every object's cheapest one; of equally cheap ones the best.
+    fn choose_cheapest(&mut self, levels: &[Level], first: &[u32]) -> Result<Choice, TimingError> {
+        self.cheapest.clear();
         let mut base = Choice::default();
         for (object, range) in first.windows(2).enumerate() {
             let own = levels.get(range[0] as usize..range[1] as usize).unwrap_or(&[]);
-            if own.is_empty() {
+            let Some(lowest) = (0..own.len()).min_by(|&a, &b| cheaper(&own[a], &own[b])) else {
                 return Err(TimingError::NoLevel { object });
-            }
-            if let Some(level) =
-                own.iter().position(|l| !(l.cost.0.is_finite() && l.cost.0 >= 0.0 && l.benefit.is_finite()))
-            {
+            };
+            let usable = |l: &Level| (0.0..=LARGEST).contains(&l.cost.0) && l.benefit.abs() <= LARGEST;
+            if let Some(level) = own.iter().position(|l| !usable(l)) {
                 return Err(TimingError::Level { object, level });
             }
-            self.hull_of(own);
-            let (cheapest, lowest) = self.hull[0];
-            self.chosen.push(cheapest);
-            base.cost += lowest.cost;
-            base.benefit += lowest.benefit;
-            for pair in self.hull.windows(2) {
-                let (cost, benefit) =
-                    ((pair[1].1.cost - pair[0].1.cost).0, pair[1].1.benefit - pair[0].1.benefit);
-                let step = Step {
-                    efficiency: benefit / cost,
-                    cost,
-                    benefit,
-                    object: object as u32,
-                    level: pair[1].0,
-                };
-                self.steps.push(step);
-            }
+            self.cheapest.push(lowest as u32);
+            base.cost += own[lowest].cost;
+            base.benefit += own[lowest].benefit;
         }
         Ok(base)
     }
 
-    /// The levels of one object that lie on the upper hull of benefit over cost, cheapest first.
-    fn hull_of(&mut self, own: &[Level]) {
-        let hull = &mut self.hull;
+    /// Collects the steps of all objects' hulls; returns the single level that gains most.
+    fn collect_steps(&mut self, levels: &[Level], first: &[u32], room: f64) -> Option<Single> {
+        self.steps.clear();
+        self.ranks.clear();
+        let mut best: Option<Single> = None;
+        for (object, range) in first.windows(2).enumerate() {
+            self.ranks.push(0);
+            let own = &levels[range[0] as usize..range[1] as usize];
+            self.hull_of(own, self.cheapest[object], room);
+            let mut least = f64::MAX;
+            for (rank, pair) in self.hull.windows(2).enumerate() {
+                let (from, to) = (pair[0].1, pair[1].1);
+                let (cost, benefit) = ((to.cost - from.cost).0, to.benefit - from.benefit);
+                // Rounding must not put a step before the one that it builds on.
+                least = least.min(benefit / cost);
+                let (object, level) = (object as u32, pair[1].0);
+                self.steps.push(Step {
+                    efficiency: least,
+                    cost,
+                    benefit,
+                    object,
+                    level,
+                    rank: rank as u32 + 1,
+                });
+            }
+            // Benefit rises along a hull, so its last level is the object's best affordable one.
+            if let [(_, lowest), .., (level, top)] = self.hull[..] {
+                let gain = top.benefit - lowest.benefit;
+                if best.is_none_or(|b| gain > b.gain) {
+                    best = Some(Single { gain, object: object as u32, level });
+                }
+            }
+        }
+        best
+    }
+
+    /// The affordable levels of one object that lie on the upper hull of benefit over cost, cheapest first.
+    fn hull_of(&mut self, own: &[Level], cheapest: u32, room: f64) {
+        let Self { hull, order, .. } = self;
         hull.clear();
-        let mut order: [u32; 16] = std::array::from_fn(|i| i as u32);
-        let mut long: Vec<u32>;
-        let order: &mut [u32] = if own.len() <= 16 {
-            &mut order[..own.len()]
-        } else {
-            long = (0..own.len() as u32).collect();
-            &mut long
-        };
+        order.clear();
         let at = |i: u32| own[i as usize];
-        order.sort_unstable_by(|&a, &b| {
-            at(a)
-                .cost
-                .0
-                .total_cmp(&at(b).cost.0)
-                .then(at(b).benefit.total_cmp(&at(a).benefit))
-                .then(a.cmp(&b))
-        });
+        let affordable = |&i: &u32| (at(i).cost - at(cheapest).cost).0 <= room;
+        order.extend((0..own.len() as u32).filter(affordable));
+        order.sort_unstable_by(|&a, &b| cheaper(&at(a), &at(b)).then(a.cmp(&b)));
         for &i in order.iter() {
             let level = at(i);
             if hull.last().is_some_and(|(_, top)| level.benefit <= top.benefit) {
@@ -155,33 +191,36 @@ impl Budget {
         }
     }
 
-    fn take_best(&mut self, levels: &[Level], first: &[u32], base: Choice, room: f64) -> Choice {
-        let taken = partition_by_room(&mut self.steps, room);
-        let mut choice = base;
-        let mut left = room;
+    fn take_best(
+        &mut self,
+        levels: &[Level],
+        first: &[u32],
+        base: Choice,
+        room: f64,
+        single: Option<Single>,
+    ) -> Choice {
+        let taken = partition_by_room(&mut self.steps, room, self.last_break);
+        let (mut choice, mut left) = (base, room);
         for s in &self.steps[..taken] {
             left -= s.cost;
             choice.benefit += s.benefit;
-        }
-        self.settle(levels, first, taken);
-        let rest = &self.steps[taken..];
-        let next = rest.iter().min_by(|a, b| order(a, b));
-        choice.bound = choice.benefit + next.map_or(0.0, |s| s.efficiency * left.max(0.0));
-        self.fill(taken, &mut left, &mut choice);
-        self.or_single_best(levels, first, base, room, &mut choice);
-        choice.cost = self.cost(levels, first);
-        choice
-    }
-
-    /// Each object's level is that of the farthest step taken.
-    fn settle(&mut self, levels: &[Level], first: &[u32], taken: usize) {
-        for s in &self.steps[..taken] {
-            let own = &levels[first[s.object as usize] as usize..];
-            let (now, reached) = (self.chosen[s.object as usize], s.level);
-            if own[reached as usize].cost > own[now as usize].cost {
-                self.chosen[s.object as usize] = reached;
+            let object = s.object as usize;
+            if s.rank > self.ranks[object] {
+                (self.ranks[object], self.chosen[object]) = (s.rank, s.level);
             }
         }
+        let next = self.steps[taken..].iter().min_by(|a, b| order(a, b)).copied();
+        self.last_break = next.map(|s| s.efficiency);
+        choice.bound = choice.benefit + next.map_or(0.0, |s| s.efficiency * left.max(0.0));
+        self.fill(taken, &mut left, &mut choice);
+        if let Some(s) = single.filter(|s| base.benefit + s.gain > choice.benefit) {
+            self.chosen.copy_from_slice(&self.cheapest);
+            self.chosen[s.object as usize] = s.level;
+            choice.benefit = base.benefit + s.gain;
+        }
+        choice.cost =
+            self.chosen.iter().zip(first).map(|(&level, &f)| levels[(f + level) as usize].cost).sum();
+        choice
     }
 
     /// Takes further steps that still fit, the most efficient first.
@@ -194,72 +233,50 @@ impl Budget {
             rest.select_nth_unstable_by(near, order);
         }
         rest[..near].sort_unstable_by(order);
-        let mut blocked: [u32; LOOK] = [u32::MAX; LOOK];
-        let mut count = 0;
         for s in &rest[..near] {
-            if blocked[..count].contains(&s.object) {
-                continue;
-            }
-            if s.cost <= *left {
+            let object = s.object as usize;
+            // A step builds on the one before it; where that did not fit, this one is out of reach.
+            if s.cost <= *left && self.ranks[object] + 1 == s.rank {
                 *left -= s.cost;
                 choice.benefit += s.benefit;
-                self.chosen[s.object as usize] = s.level;
-            } else {
-                // Later steps of this object build on this one.
-                blocked[count] = s.object;
-                count += 1;
+                (self.ranks[object], self.chosen[object]) = (s.rank, s.level);
             }
         }
     }
+}
 
-    /// One expensive level alone may be worth more than all that the greedy choice fits: this makes the bound of one half hold.
-    fn or_single_best(
-        &mut self,
-        levels: &[Level],
-        first: &[u32],
-        base: Choice,
-        room: f64,
-        choice: &mut Choice,
-    ) {
-        let mut best = (choice.benefit, None);
-        for (object, range) in first.windows(2).enumerate() {
-            let own = &levels[range[0] as usize..range[1] as usize];
-            self.hull_of(own);
-            let cheapest = self.hull[0].1;
-            for (i, level) in own.iter().enumerate() {
-                let gained = base.benefit + level.benefit - cheapest.benefit;
-                if (level.cost - cheapest.cost).0 <= room && gained > best.0 {
-                    best = (gained, Some((object, i as u32)));
-                }
-            }
-        }
-        if let Some((object, level)) = best.1 {
-            for (o, range) in first.windows(2).enumerate() {
-                self.hull_of(&levels[range[0] as usize..range[1] as usize]);
-                self.chosen[o] = self.hull[0].0;
-            }
-            self.chosen[object] = level;
-            choice.benefit = best.0;
-        }
-    }
-
-    fn cost(&self, levels: &[Level], first: &[u32]) -> Millis {
-        self.chosen.iter().zip(first).map(|(&level, &f)| levels[(f + level) as usize].cost).sum()
-    }
+/// Cheapest first; of equally cheap ones the best first.
+fn cheaper(a: &Level, b: &Level) -> std::cmp::Ordering {
+    a.cost.0.total_cmp(&b.cost.0).then(b.benefit.total_cmp(&a.benefit))
 }
 
 /// Most efficient first; ties in the order of the objects and up their hulls, so that results do not depend on selection.
 fn order(a: &Step, b: &Step) -> std::cmp::Ordering {
-    b.efficiency
-        .total_cmp(&a.efficiency)
-        .then(a.object.cmp(&b.object))
-        .then(a.cost.total_cmp(&b.cost))
-        .then(a.level.cmp(&b.level))
+    b.efficiency.total_cmp(&a.efficiency).then(a.object.cmp(&b.object)).then(a.rank.cmp(&b.rank))
 }
 
 /// Brings the most efficient steps that fit together to the front and counts them: a weighted selection in expected linear time.
-fn partition_by_room(steps: &mut [Step], mut room: f64) -> usize {
+///
+/// `guess` is an efficiency near which the last of them is expected. A wrong guess costs a pass and changes nothing.
+fn partition_by_room(steps: &mut [Step], mut room: f64, guess: Option<f64>) -> usize {
     let (mut low, mut high) = (0, steps.len());
+    for bound in guess.map_or([f64::NAN; 2], |g| [g * 1.02, g * 0.98]) {
+        // Everything above the bound goes to the front of what is still open.
+        let (mut middle, mut cost) = (low, 0.0);
+        for i in low..high {
+            if steps[i].efficiency > bound {
+                cost += steps[i].cost;
+                steps.swap(i, middle);
+                middle += 1;
+            }
+        }
+        if cost <= room {
+            room -= cost;
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
     while high - low > 1 {
         let middle = low + (high - low) / 2;
         steps[low..high].select_nth_unstable_by(middle - low, order);
@@ -385,5 +402,128 @@ mod tests {
         assert!(budget.choose(&[level(1.0, 1.0)], &[0, 1, 1], Millis(5.0)).is_err());
         assert_eq!(budget.choose(&[], &[0], Millis(5.0)).unwrap().benefit, 0.0);
         assert_eq!(budget.choose(&[], &[], Millis(5.0)).unwrap().benefit, 0.0);
+    }
+
+    /// Best gain over the cheapest levels, by trying every combination.
+    fn best_gain(levels: &[Level], first: &[u32], room: f64) -> f64 {
+        let Some((&[from, to], _)) =
+            first.split_at_checked(2).map(|(a, b)| (<&[u32; 2]>::try_from(a).unwrap(), b))
+        else {
+            return 0.0;
+        };
+        let own = &levels[from as usize..to as usize];
+        let cheapest = own.iter().min_by(|a, b| cheaper(a, b)).unwrap();
+        let with = |l: &Level| {
+            let left = room - (l.cost - cheapest.cost).0;
+            if left < 0.0 { 0.0 } else { l.benefit - cheapest.benefit + best_gain(levels, &first[1..], left) }
+        };
+        own.iter().map(with).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn levels_that_never_fit_do_not_hide_those_that_do() {
+        // The dearest level is the most efficient one of every object, and fits nowhere.
+        let levels: Vec<Level> = (0..4)
+            .flat_map(|_| [(0.0, 0.0), (25.0, 20.0), (101.0, 101.0)])
+            .map(|(c, benefit)| Level { cost: Millis(c), benefit })
+            .collect();
+        let first: Vec<u32> = (0..=4).map(|i| 3 * i).collect();
+        let mut budget = Budget::new();
+        let choice = budget.choose(&levels, &first, Millis(100.0)).unwrap();
+        assert_eq!((choice.benefit, choice.cost.0, choice.bound), (80.0, 100.0, 80.0));
+    }
+
+    #[test]
+    fn equal_efficiencies_and_shuffled_extremes_keep_half_and_the_limit() {
+        let mut random = Random(77);
+        let mut budget = Budget::new();
+        for round in 0..3000 {
+            let objects = 1 + random.below(5);
+            let (mut levels, mut first) = (Vec::new(), vec![0u32]);
+            for _ in 0..objects {
+                for _ in 0..1 + random.below(4) {
+                    let huge = if random.below(6) == 0 { 40.0 } else { 1.0 };
+                    let cost = 0.1 * f64::from(random.below(9)) * huge;
+                    // Every third round all steps are worth the same per cost, up to rounding.
+                    let benefit =
+                        if round % 3 == 0 { 3.0 * cost } else { f64::from(random.below(60)) * huge - 9.0 };
+                    levels.push(Level { cost: Millis(cost), benefit });
+                }
+                first.push(levels.len() as u32);
+            }
+            let limit = 0.1 * f64::from(random.below(60));
+            let choice = budget.choose(&levels, &first, Millis(limit)).unwrap();
+            let own = |i: usize| levels[(first[i] + budget.chosen()[i]) as usize];
+            let cost: f64 = (0..objects as usize).map(|i| own(i).cost.0).sum();
+            let benefit: f64 = (0..objects as usize).map(|i| own(i).benefit).sum();
+            assert!(
+                (choice.benefit - benefit).abs() < 1e-9 && (choice.cost.0 - cost).abs() < 1e-9,
+                "round {round}"
+            );
+            let cheapest = |i: usize| {
+                let own = &levels[first[i] as usize..first[i + 1] as usize];
+                *own.iter().min_by(|a, b| cheaper(a, b)).unwrap()
+            };
+            let base: f64 = (0..objects as usize).map(|i| cheapest(i).cost.0).sum();
+            let worth: f64 = (0..objects as usize).map(|i| cheapest(i).benefit).sum();
+            assert_eq!(choice.over, base > limit, "round {round}");
+            if !choice.over {
+                let optimum = best_gain(&levels, &first, limit - base);
+                assert!(cost <= limit + 1e-9 && benefit - worth >= 0.5 * optimum - 1e-9, "round {round}");
+                assert!(worth + optimum <= choice.bound + 1e-9, "round {round}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_huge_level_is_taken_when_it_is_worth_more_than_all_others() {
+        let mut levels =
+            vec![Level { cost: Millis(0.0), benefit: 0.0 }, Level { cost: Millis(100.0), benefit: 99.0 }];
+        let mut first = vec![0, 2];
+        for _ in 0..10 {
+            levels.extend([(0.0, 0.0), (0.1, 0.2)].map(|(c, benefit)| Level { cost: Millis(c), benefit }));
+            first.push(levels.len() as u32);
+        }
+        let mut budget = Budget::new();
+        let choice = budget.choose(&levels, &first, Millis(100.0)).unwrap();
+        assert!(choice.benefit == 99.0 && choice.cost.0 == 100.0);
+    }
+
+    #[test]
+    fn the_last_frame_speeds_the_next_up_and_changes_nothing() {
+        let mut random = Random(21);
+        let mut kept = Budget::new();
+        for frame in 0..40 {
+            let p = problem(&mut random, 300);
+            let limit = 2000.0 + 90.0 * f64::from(frame % 17);
+            let levels: Vec<Level> =
+                p.0.iter().map(|&(c, benefit)| Level { cost: Millis(f64::from(c)), benefit }).collect();
+            let warm = kept.choose(&levels, &p.1, Millis(limit)).unwrap();
+            let mut fresh = Budget::new();
+            let cold = fresh.choose(&levels, &p.1, Millis(limit)).unwrap();
+            assert_eq!(kept.chosen(), fresh.chosen(), "frame {frame}");
+            assert!((warm.benefit - cold.benefit).abs() < 1e-9 && (warm.bound - cold.bound).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn thousands_of_levels_and_a_million_objects_are_fine() {
+        let many: Vec<Level> =
+            (0..50_000).map(|i| Level { cost: Millis(f64::from(i)), benefit: f64::from(i).sqrt() }).collect();
+        let mut budget = Budget::new();
+        let choice = budget.choose(&many, &[0, 50_000], Millis(40_000.0)).unwrap();
+        assert_eq!((choice.cost.0, budget.chosen()[0]), (40_000.0, 40_000));
+        let levels: Vec<Level> = (0..2_000_000u32)
+            .map(|i| Level {
+                cost: Millis(f64::from(i % 2)),
+                benefit: f64::from(i % 2) * f64::from(1 + i % 97),
+            })
+            .collect();
+        let first: Vec<u32> = (0..=1_000_000).map(|i| 2 * i).collect();
+        let choice = budget.choose(&levels, &first, Millis(400_000.0)).unwrap();
+        assert!(choice.cost.0 == 400_000.0 && choice.benefit == choice.bound);
+        let over = budget.choose(&levels, &first, Millis(f64::NAN)).unwrap();
+        assert!(over.over && over.cost.0 == 0.0);
+        assert!(budget.choose(&levels, &first, Millis(f64::INFINITY)).unwrap().cost.0 == 1e6);
     }
 }

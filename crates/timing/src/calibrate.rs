@@ -188,6 +188,9 @@ fn fit_sides(samples: &[Sample], ratio: f64) -> [f64; TERMS] {
 mod tests {
     use super::*;
 
+    /// A heuristic, a law that it can follow, and the costs of that law.
+    type Law = (Heuristic, fn(&Features) -> f64, [f64; TERMS]);
+
     fn sample(i: u32, law: impl Fn(&Features) -> f64) -> Sample {
         let t = f64::from(i);
         let features = Features {
@@ -202,7 +205,7 @@ mod tests {
 
     #[test]
     fn each_heuristic_recovers_its_own_law() {
-        let laws: [(Heuristic, fn(&Features) -> f64, [f64; TERMS]); 4] = [
+        let laws: [Law; 4] = [
             (Heuristic::Triangles, |f| 2e-3 * f.triangles, [2e-3, 0.0, 0.0, 0.0]),
             (Heuristic::Sum, |f| 1e-3 * f.vertices + 5e-5 * f.pixels, [1e-3, 5e-5, 0.0, 0.0]),
             (Heuristic::Max, |f| (1e-3 * f.vertices).max(4e-5 * f.pixels), [1e-3, 4e-5, 0.0, 0.0]),

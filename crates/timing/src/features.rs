@@ -1,6 +1,8 @@
 //! What is known of an object before it is drawn.
 
-use crate::TimingError;
+use crate::{Sides, TimingError, projected_pixels, transformed_vertices};
+use farsight_geometry::{Camera, TriangleMesh};
+use glam::DAffine3;
 use std::ops::{Add, AddAssign};
 
 /// Number of features.
@@ -27,6 +29,42 @@ impl Features {
     /// Names, in the order of [`to_array`](Self::to_array).
     pub const NAMES: [&str; FEATURES] =
         ["triangles", "vertices", "pixels", "draws", "state changes", "upload bytes"];
+
+    /// A mesh drawn by one call, as far as it is the same from everywhere: its triangles, and its vertices through a cache of `cache_size`.
+    ///
+    /// # Cost
+    /// Linear in the indices; keep the result and add the pixels of each view.
+    ///
+    /// # Errors
+    /// None for a valid mesh: its indices lead somewhere.
+    pub fn of_mesh(mesh: &TriangleMesh, cache_size: u32) -> Result<Self, TimingError> {
+        let indices = mesh.triangles().as_flattened();
+        let vertices = transformed_vertices(indices, mesh.positions().len(), cache_size)?;
+        Ok(Self {
+            triangles: mesh.triangles().len() as f64,
+            vertices: vertices as f64,
+            draws: if mesh.is_empty() { 0.0 } else { 1.0 },
+            ..Self::default()
+        })
+    }
+
+    /// The same with other pixels, such as [`sphere_pixels`](crate::sphere_pixels).
+    #[must_use]
+    pub fn with_pixels(self, pixels: f64) -> Self {
+        Self { pixels, ..self }
+    }
+
+    /// The same from a view: exact pixels of the mesh it was made of.
+    #[must_use]
+    pub fn seen(
+        self,
+        mesh: &TriangleMesh,
+        world_from_mesh: &DAffine3,
+        camera: &Camera,
+        sides: Sides,
+    ) -> Self {
+        self.with_pixels(projected_pixels(mesh, world_from_mesh, camera, sides))
+    }
 
     /// All features.
     pub fn to_array(&self) -> [f64; FEATURES] {
