@@ -1,19 +1,31 @@
 //! One frame: shadow map where the sun can be seen to matter, then the picture.
 
-use farsight_geometry::bvh::{Bvh, BvhError};
+use crate::cull::Visibility;
+use crate::predict::Prediction;
+use farsight_geometry::bvh::Bvh;
 use farsight_geometry::glam::DMat4;
 use farsight_geometry::scene::Light;
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
+use farsight_raster::thread_cpu_time;
 use farsight_raster::{
     Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, Target, mip_maps,
     relative_from_mesh, render_scene,
 };
 use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Skip};
+use farsight_timing::Millis;
 use std::error::Error;
 use std::time::{Duration, Instant};
 
 /// What a frame took.
 pub struct FrameReport {
+    /// Objects in the view volume.
+    pub in_view: usize,
+    /// Objects that are not hidden either.
+    pub visible: usize,
+    pub culling: Duration,
+    /// Processor time of drawing, as told before and as it was.
+    pub predicted: Millis,
+    pub drawing: Millis,
     pub counters: Counters,
     /// The sun's map, or why there was none; `None` without a sun.
     pub shadow: Option<Result<ShadowReport, Skip>>,
@@ -33,7 +45,9 @@ type ShadowPass = (ShadowReport, ShadowMap);
 /// Draws frames of a scene, keeping what can be kept from one to the next.
 pub struct Renderer<'a> {
     scene: &'a Scene,
-    bounds: Vec<DAabb>,
+    bounds: &'a [DAabb],
+    visibility: Visibility<'a>,
+    prediction: Prediction,
     hierarchy: Bvh,
     receivers: Vec<DAabb>,
     casters: Vec<u32>,
@@ -47,11 +61,19 @@ pub struct Renderer<'a> {
 
 impl<'a> Renderer<'a> {
     /// Prepares a scene; `options` must not name shadows or textures.
-    pub fn new(scene: &'a Scene, options: RenderOptions<'a>, map_side: u32) -> Result<Self, BvhError> {
-        let bounds = scene.instance_bounds();
+    pub fn new(
+        scene: &'a Scene,
+        bounds: &'a [DAabb],
+        size: [u32; 2],
+        options: RenderOptions<'a>,
+        map_side: u32,
+    ) -> Result<Self, Box<dyn Error>> {
+        let [width, height] = size.map(|side| side * options.supersampling);
         Ok(Self {
             scene,
-            hierarchy: Bvh::build(&bounds)?,
+            visibility: Visibility::new(scene, bounds, width, height)?,
+            prediction: Prediction::new()?,
+            hierarchy: Bvh::build(bounds)?,
             receivers: Vec::new(),
             casters: Vec::new(),
             bounds,
@@ -67,6 +89,7 @@ impl<'a> Renderer<'a> {
     /// Draws a frame.
     pub fn frame(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = Instant::now();
+        self.look(camera);
         let mut maps = Vec::new();
         let shadow = match self.shadow(camera)? {
             None => None,
@@ -76,11 +99,38 @@ impl<'a> Renderer<'a> {
                 Some(Ok(report))
             }
         };
+        // Hidden is what no sample shows, so culling looks at the samples, not at the pixels.
+        let n = self.options.supersampling;
+        let fine = camera.with_image(camera.width() * n, camera.height() * n)?;
+        let (visible, culling) = self.visibility.cull(&self.hierarchy, &fine);
+        let predicted = self.prediction.predict(self.scene, visible, self.bounds, &fine);
         let mut options = self.options;
         options.shadows = &maps;
         options.textures = &self.textures;
+        options.only = Some(visible);
+        let before = thread_cpu_time();
         let (target, counters) = render_scene(&mut self.rasteriser, self.scene, camera, &options)?;
-        Ok((target, FrameReport { counters, shadow, time: start.elapsed() }))
+        let drawing = Millis::from(thread_cpu_time() - before);
+        let (visible, in_view) = (visible.len(), self.receivers.len());
+        self.prediction.learn(drawing)?;
+        let report = FrameReport {
+            in_view,
+            visible,
+            culling,
+            predicted,
+            drawing,
+            counters,
+            shadow,
+            time: start.elapsed(),
+        };
+        Ok((target, report))
+    }
+
+    /// Finds what is in view.
+    fn look(&mut self, camera: &Camera) {
+        self.receivers.clear();
+        let seen = Frustum::from_camera(camera);
+        self.hierarchy.frustum(&seen, |object, _| self.receivers.push(self.bounds[object as usize]));
     }
 
     /// The map of the first light, if it is a sun.
@@ -93,9 +143,6 @@ impl<'a> Renderer<'a> {
         // Beyond the far side of the scene there is nothing to shade.
         let farthest =
             scene_box.corners().iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max);
-        let seen = Frustum::from_camera(camera);
-        self.receivers.clear();
-        self.hierarchy.frustum(&seen, |object, _| self.receivers.push(self.bounds[object as usize]));
         let casters = [scene_box];
         let scope = Scope::new(camera, farthest * 1.001, &self.receivers, &casters, self.map_side);
         let skip = self.focus.fit(&ShadowLight::directional(direction), &scope)?;

@@ -8,10 +8,12 @@
 //! You should see progress bars, a short table, and then `out/tour/index.html` with the frames of a camera path, a summary
 //! of the scene and plots of what each frame took. The frames also lie there as PNG, the last one's depth as EXR.
 
+mod cull;
 mod frames;
 mod input;
 mod inside;
 mod page;
+mod predict;
 mod walk;
 
 use clap::Parser;
@@ -86,7 +88,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
     let index = folder.join("index.html");
     std::fs::write(&index, page).map_err(|e| format!("cannot write {}: {e}", index.display()))?;
     for row in frame_table(&frames) {
-        println!("{}", row.iter().map(|cell| format!("{cell:>14}")).collect::<String>());
+        println!("{}", row.iter().map(|cell| format!("{cell:>11}")).collect::<String>());
     }
     println!("{}", index.display());
     Ok(())
@@ -106,7 +108,8 @@ fn walk_through(options: &Options, input: &Input) -> Result<Vec<Shown>, Box<dyn 
         look.headlight = 0.22;
     }
     look.supersampling = if options.quick { 1 } else { 2 };
-    let mut renderer = Renderer::new(&input.scene, look, map_side)?;
+    let bounds = input.scene.instance_bounds();
+    let mut renderer = Renderer::new(&input.scene, &bounds, [width, height], look, map_side)?;
     let bar = ProgressBar::new(count as u64)
         .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
     bar.set_message("frames");
@@ -178,6 +181,20 @@ fn write_page(input: &Input, report: &str, frames: &[Shown]) -> Result<String, B
         "ms",
         &[("frame", series(|f| f.time.as_secs_f64() * 1e3)), ("of it the shadow map", series(shadow_ms))],
     )?;
+    page.paragraph(
+        "What drawing took, and what was foretold before each frame; the model learns from every frame.",
+    );
+    page.plot(
+        "Drawing, foretold and measured",
+        "processor ms",
+        &[("foretold", series(|f| f.predicted.0)), ("measured", series(|f| f.drawing.0))],
+    )?;
+    page.paragraph("Objects that the view volume holds, and those that nothing hides: only they are drawn.");
+    page.plot(
+        "Objects",
+        "objects",
+        &[("in view", series(|f| f.in_view as f64)), ("not hidden", series(|f| f.visible as f64))],
+    )?;
     let texel = |warped: bool| {
         let value = |f: &FrameReport| match &f.shadow {
             Some(Ok(s)) if warped => s.view.texel.value,
@@ -209,7 +226,19 @@ fn caption(i: usize, frame: &FrameReport) -> String {
 
 /// Frame by frame, the head first.
 fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
-    let head = ["frame", "objects", "drawn", "triangles", "casters", "texel px", "gain", "ms"];
+    let head = [
+        "frame",
+        "in view",
+        "drawn",
+        "triangles",
+        "cull ms",
+        "casters",
+        "texel px",
+        "gain",
+        "drawing ms",
+        "foretold",
+        "frame ms",
+    ];
     let mut rows = vec![head.map(String::from).to_vec()];
     for (i, Shown { report: f, .. }) in frames.iter().enumerate() {
         let (casters, texel, gain) = match &f.shadow {
@@ -222,12 +251,15 @@ fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
         };
         rows.push(vec![
             i.to_string(),
-            f.counters.instances.to_string(),
-            f.counters.instances_drawn.to_string(),
+            f.in_view.to_string(),
+            f.visible.to_string(),
             f.counters.triangles.to_string(),
+            format!("{:.1}", f.culling.as_secs_f64() * 1e3),
             casters,
             texel,
             gain,
+            format!("{:.0}", f.drawing.0),
+            format!("{:.0}", f.predicted.0),
             format!("{:.0}", f.time.as_secs_f64() * 1e3),
         ]);
     }

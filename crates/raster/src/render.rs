@@ -44,6 +44,8 @@ pub struct RenderOptions<'a> {
     pub exposure: f32,
     /// Shadow maps of the scene's lights, in order; missing ones cast no shadow.
     pub shadows: &'a [ShadowMap],
+    /// Instances to draw; `None` draws all. Those outside the view are skipped either way.
+    pub only: Option<&'a [u32]>,
     /// Mip-mapped textures of the scene, from [`mip_maps`]; empty to make them on the fly.
     pub textures: &'a [MipMap],
 }
@@ -62,6 +64,7 @@ impl Default for RenderOptions<'_> {
             up: DVec3::Z,
             exposure: 1.0,
             shadows: &[],
+            only: None,
             textures: &[],
         }
     }
@@ -127,7 +130,11 @@ fn render_into(
         .with_headlight(options.headlight);
     let frustum = Frustum::from_camera(camera);
     let bounds = scene.instance_bounds();
-    let mut order: Vec<(f64, usize)> = (0..bounds.len())
+    let candidates: Box<dyn Iterator<Item = usize>> = match options.only {
+        Some(list) => Box::new(list.iter().map(|&i| i as usize).filter(|&i| i < bounds.len())),
+        None => Box::new(0..bounds.len()),
+    };
+    let mut order: Vec<(f64, usize)> = candidates
         .filter(|&i| frustum.classify(&bounds[i]) != Containment::Outside)
         .map(|i| (camera.distance_to_box(&bounds[i]), i))
         .collect();

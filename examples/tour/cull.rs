@@ -1,0 +1,94 @@
+//! What is hidden behind what: coherent hierarchical culling, answered by a software depth buffer.
+
+use farsight_geometry::bvh::Bvh;
+use farsight_geometry::glam::DMat4;
+use farsight_geometry::scene::AlphaMode;
+use farsight_geometry::{Camera, ClipConvention, DAabb, Scene};
+use farsight_occlusion::{
+    Answer, Backend, Command, Culler, DepthBuffer, Faces, NodeId, Occluders, Options, Proxy, View,
+};
+use farsight_raster::relative_from_mesh;
+use std::error::Error;
+use std::time::{Duration, Instant};
+
+/// Triangles that are drawn as occluders in a frame, and the least size on the screen that makes one worth it.
+const OCCLUDER_TRIANGLES: u64 = 150_000;
+const OCCLUDER_PX: f64 = 24.0;
+
+/// Finds the objects of a scene that may be seen, frame by frame.
+pub struct Visibility<'a> {
+    scene: &'a Scene,
+    bounds: &'a [DAabb],
+    /// Whether an object has no holes.
+    solid: Vec<bool>,
+    culler: Culler,
+    buffer: DepthBuffer,
+    occluders: Occluders,
+    visible: Vec<u32>,
+}
+
+impl<'a> Visibility<'a> {
+    /// For images of `width` by `height` samples.
+    pub fn new(
+        scene: &'a Scene,
+        bounds: &'a [DAabb],
+        width: u32,
+        height: u32,
+    ) -> Result<Self, Box<dyn Error>> {
+        let opaque = |id: farsight_geometry::scene::MaterialId| {
+            let material = &scene.materials()[id.0 as usize];
+            material.alpha == AlphaMode::Opaque
+        };
+        Ok(Self {
+            scene,
+            bounds,
+            solid: scene.instances().iter().map(|i| i.material.is_none_or(opaque)).collect(),
+            culler: Culler::new(Options::default(), Backend::Boolean)?,
+            buffer: DepthBuffer::new(width, height)?,
+            occluders: Occluders::new(OCCLUDER_TRIANGLES, OCCLUDER_PX),
+            visible: Vec::new(),
+        })
+    }
+
+    /// The objects that may be seen, and the time that it took. The image without the others is the same, sample by sample.
+    pub fn cull(&mut self, hierarchy: &Bvh, camera: &Camera) -> (&[u32], Duration) {
+        let start = Instant::now();
+        self.buffer.clear();
+        self.occluders.clear();
+        self.visible.clear();
+        let clip = camera.clip_from_relative_f64(ClipConvention::REVERSED, camera.eye());
+        self.culler.begin_frame(View::from_camera(camera));
+        loop {
+            match self.culler.next(hierarchy) {
+                Command::Render(leaf) => self.see(hierarchy, leaf, camera, &clip),
+                Command::Query { id, proxy, .. } => {
+                    let hidden = match &proxy {
+                        Proxy::Box(b) => self.buffer.is_occluded(&clip, camera.eye(), b),
+                        Proxy::Boxes => {
+                            let boxes = self.culler.boxes();
+                            boxes.iter().all(|b| self.buffer.is_occluded(&clip, camera.eye(), b))
+                        }
+                        Proxy::Geometry => false,
+                    };
+                    self.culler.resolve(id, if hidden { Answer::OCCLUDED } else { Answer::VISIBLE });
+                }
+                Command::Flush => {}
+                Command::Done => break,
+            }
+        }
+        (&self.visible, start.elapsed())
+    }
+
+    /// Notes a visible object and draws it as occluder when it is large and solid.
+    fn see(&mut self, hierarchy: &Bvh, leaf: NodeId, camera: &Camera, clip: &DMat4) {
+        let Some(object) = hierarchy.object(leaf) else { return };
+        self.visible.push(object);
+        let instance = &self.scene.instances()[object as usize];
+        let mesh = self.scene.mesh_of(instance);
+        let size = camera.box_px(&self.bounds[object as usize]);
+        if self.solid[object as usize] && self.occluders.admits(size, mesh.triangles().len() as u64) {
+            let relative = DMat4::from(relative_from_mesh(instance, mesh, camera.eye()));
+            self.buffer.draw(&(*clip * relative), mesh.positions(), mesh.triangles(), Faces::Both);
+        }
+    }
+}
