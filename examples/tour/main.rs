@@ -160,7 +160,7 @@ fn write_page(input: &Input, report: &str, frames: &[Shown]) -> Result<String, B
             scene.stored_triangles().to_string(),
             scene.instances().len().to_string(),
             scene.lights().len().to_string(),
-            format!("{:.4} × {:.4} × {:.4}", size.x, size.y, size.z),
+            [size.x, size.y, size.z].map(short).join(" × "),
             format!("{:.1} MB", scene.bytes() as f64 * 1e-6),
         ],
     ]);
@@ -210,6 +210,12 @@ fn write_page(input: &Input, report: &str, frames: &[Shown]) -> Result<String, B
     Ok(page.finish())
 }
 
+/// A length with four digits that mean something.
+fn short(x: f64) -> String {
+    let decimals = (3.0 - x.abs().max(1e-9).log10().floor()).clamp(0.0, 12.0) as usize;
+    format!("{x:.decimals$}")
+}
+
 fn caption(i: usize, frame: &FrameReport) -> String {
     let shadow = match &frame.shadow {
         None => "no sun".into(),
@@ -218,10 +224,7 @@ fn caption(i: usize, frame: &FrameReport) -> String {
             format!("shadow texel at most {:.1} px, warp gains {:.1}×", s.view.texel.value, s.view.gain())
         }
     };
-    format!(
-        "Frame {i}: {} of {} objects drawn; {shadow}",
-        frame.counters.instances_drawn, frame.counters.instances
-    )
+    format!("Frame {i}: {} objects in view, {} of them not hidden; {shadow}", frame.in_view, frame.visible)
 }
 
 /// Frame by frame, the head first.

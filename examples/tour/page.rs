@@ -113,7 +113,7 @@ fn draw(
     let colours =
         [RGBColor(0, 90, 181), RGBColor(220, 50, 32), RGBColor(30, 136, 60), RGBColor(148, 80, 170)];
     let frames = lines.iter().map(|l| l.1.len()).max().unwrap_or(1).max(2);
-    let top = lines.iter().flat_map(|l| l.1.iter().copied()).fold(0.0, f64::max) * 1.1 + 1e-9;
+    let top = lines.iter().flat_map(|l| l.1.iter().copied()).fold(0.0, f64::max) * 1.35 + 1e-9;
     let root = SVGBackend::with_string(svg, (860, 300)).into_drawing_area();
     root.fill(&WHITE)?;
     let mut chart = ChartBuilder::on(&root)
