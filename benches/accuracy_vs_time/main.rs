@@ -9,6 +9,7 @@
 
 mod check;
 mod geometry;
+mod occlusion;
 mod plot;
 mod row;
 
@@ -46,11 +47,14 @@ struct Sweep {
     rows: fn(quick: bool) -> Vec<Row>,
 }
 
-const SWEEPS: &[Sweep] = &[Sweep {
-    name: "geometry",
-    caption: "Hausdorff distance: tolerance against time",
-    rows: geometry::rows,
-}];
+const SWEEPS: &[Sweep] = &[
+    Sweep { name: "geometry", caption: "Hausdorff distance: tolerance against time", rows: geometry::rows },
+    Sweep {
+        name: "occlusion",
+        caption: "Occlusion culling: lost pixels against frame time",
+        rows: occlusion::rows,
+    },
+];
 
 fn main() -> std::process::ExitCode {
     let options = Options::parse();

@@ -1,7 +1,7 @@
 //! A deterministic machine to cull for: one processor, one graphics unit that works in order, queries whose answers come
 //! a latency after they were worked off, and an image to compare.
 
-use crate::town::{Object, World};
+use super::town::{Object, World};
 use farsight_geometry::bvh::NodeId;
 use farsight_geometry::glam::DMat4;
 use farsight_geometry::{Camera, ClipConvention, DAabb};

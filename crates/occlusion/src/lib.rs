@@ -6,8 +6,10 @@
 //! | what to draw, what to query | [`Culler`] walks a [`Hierarchy`] for a [`View`] and hands out [`Command`]s |
 //! | exact, or never waiting? | [`Policy`], and everything else that can be chosen in [`Options`] |
 //! | is this box hidden, without a graphics card? | [`DepthBuffer`] |
+//! | how do I connect it to my graphics interface? | [`adapters`] |
 //! | what did it take? | [`FrameStats`] |
 
+pub mod adapters;
 mod adaptive;
 mod depth_buffer;
 mod hierarchy;
@@ -31,3 +33,7 @@ pub use policy::{
 pub use stats::FrameStats;
 pub use traversal::{Answer, Classification, Command, Culler, Proxy, QueryId};
 pub use view::View;
+
+#[doc = include_str!("../README.md")]
+#[cfg(doctest)]
+struct Readme;
