@@ -11,6 +11,7 @@ mod check;
 mod geometry;
 mod plot;
 mod row;
+mod shadow;
 
 use clap::Parser;
 use row::Row;
@@ -46,11 +47,14 @@ struct Sweep {
     rows: fn(quick: bool) -> Vec<Row>,
 }
 
-const SWEEPS: &[Sweep] = &[Sweep {
-    name: "geometry",
-    caption: "Hausdorff distance: tolerance against time",
-    rows: geometry::rows,
-}];
+const SWEEPS: &[Sweep] = &[
+    Sweep { name: "geometry", caption: "Hausdorff distance: tolerance against time", rows: geometry::rows },
+    Sweep {
+        name: "shadow",
+        caption: "Shadows: map side, cascades and methods against time",
+        rows: shadow::rows,
+    },
+];
 
 fn main() -> std::process::ExitCode {
     let options = Options::parse();
