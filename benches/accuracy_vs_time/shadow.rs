@@ -119,7 +119,7 @@ impl Setting {
     }
 }
 
-/// Soft shadows of a disk light: rays, penumbra wedges, one blur, none.
+/// Soft shadows of a disk light: rays, silhouettes, one blur, none.
 fn soft_rows(quick: bool) -> Vec<Row> {
     let (side, dense, runs) = if quick { (96, 24, 2) } else { (192, 40, 3) };
     let soft = Soft::new(side);
@@ -150,6 +150,6 @@ fn soft_rows(quick: bool) -> Vec<Row> {
     let mut rows: Vec<Row> = [2, 4, 8, 16].map(sampled).into();
     rows.push(row("hard", 1.0, 0.5, 1, &|| soft.hard()));
     rows.push(row("one blur", 1.0, 0.5, 1, &|| soft.blurred()));
-    rows.push(row("penumbra wedges", 1.0, 0.1, 1, &|| soft.wedges()));
+    rows.push(row("silhouettes", 1.0, 0.1, 1, &|| soft.outlines()));
     rows
 }

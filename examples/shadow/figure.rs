@@ -12,7 +12,7 @@ pub struct Row {
 }
 
 /// Parts of the picture that are shown, as shares of its height: centre (x, y) and half the side; near, medium, far.
-const WINDOWS: [([f64; 2], f64); 3] = [([0.95, 0.80], 0.20), ([0.66, 0.46], 0.10), ([0.95, 0.36], 0.045)];
+const WINDOWS: [([f64; 2], f64); 3] = [([0.64, 0.84], 0.15), ([1.02, 0.40], 0.09), ([1.04, 0.385], 0.04)];
 /// Side of a window in the figure, in pixels.
 const PANEL: u32 = 300;
 const GAP: u32 = 8;

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! You should see a table of edge offsets in pixels, and in `out/shadow` three figures: `comparison.png` (rows: rays, uniform, LiSPSM, PSM,
-//! minimax; columns: near, medium, far; wrong pixels in red), `curves.svg` (dp/ds along the view) and `soft.png` (sampled light, penumbra wedges, blurred
+//! minimax; columns: near, medium, far; wrong pixels in red), `curves.svg` (dp/ds along the view) and `soft.png` (sampled light, silhouettes, blurred
 //! hard shadow, and what the latter two get wrong).
 
 mod figure;
@@ -147,8 +147,8 @@ fn soft_figure(options: &Options) -> Result<(), Box<dyn Error>> {
     let (side, rays) = if options.quick { (96, 12) } else { (256, 32) };
     let soft = soft::Soft::new(side);
     let exact = soft.sampled(rays);
-    let panels = [exact.clone(), soft.wedges(), soft.blurred(), soft.hard()];
-    for (name, panel) in ["penumbra wedges", "one blur for all", "hard"].iter().zip(&panels[1..]) {
+    let panels = [exact.clone(), soft.outlines(), soft.blurred(), soft.hard()];
+    for (name, panel) in ["silhouettes", "one blur for all", "hard"].iter().zip(&panels[1..]) {
         println!("soft shadow, {name}: rms {:.4} of the light from {rays}² rays", soft::rms(panel, &exact));
     }
     let error = |p: &[f64]| p.iter().zip(&exact).map(|(a, b)| 1.0 - 4.0 * (a - b).abs()).collect::<Vec<_>>();

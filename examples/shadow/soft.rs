@@ -1,11 +1,12 @@
 //! A pillar and a bar under an area light: how much of the light each point of the ground sees, by several methods.
 
 use super::posts::block;
-use farsight_geometry::glam::{DVec3, Vec3, dvec3};
+use farsight_geometry::glam::{DVec2, DVec3, Vec3, dvec3};
 use farsight_geometry::ray::Bvh8;
 use farsight_geometry::scene::Light;
 use farsight_geometry::{Ray, RayCaster, TriangleMesh};
 use farsight_raster::irradiance_from;
+use farsight_shadow::penumbra::coverage::disk_behind_edge;
 use farsight_shadow::penumbra::quads::{EdgeList, Penumbra, Shape, Wedge};
 use farsight_shadow::penumbra::width;
 
@@ -14,6 +15,7 @@ pub struct Soft {
     pub side: u32,
     light: Light,
     caster: Bvh8,
+    edges: EdgeList,
     wedges: Vec<Wedge>,
 }
 
@@ -38,9 +40,9 @@ impl Soft {
             Some(Penumbra::Wedge(w)) => Some(w),
             _ => None,
         };
-        let wedges =
-            EdgeList::new(&mesh).silhouette(&shape).filter(|e| e.from_center).filter_map(wedge).collect();
-        Self { side, light, caster: Bvh8::new(&mesh), wedges }
+        let edges = EdgeList::new(&mesh);
+        let wedges = edges.silhouette(&shape).filter_map(wedge).collect();
+        Self { side, light, caster: Bvh8::new(&mesh), edges, wedges }
     }
 
     /// The ground point of a pixel.
@@ -72,16 +74,36 @@ impl Soft {
         self.each(|p| f64::from(u8::from(self.sees_center(p))))
     }
 
-    /// The hard shadow, corrected by what each silhouette edge lets through of the light or hides of it, in its penumbra.
-    pub fn wedges(&self) -> Vec<f64> {
+    /// What the occluders' outlines, seen from each point, hide of the disk: no rays. Exact but where outlines overlap.
+    pub fn outlines(&self) -> Vec<f64> {
+        let Light::Disk { center, normal, radius, .. } = self.light else {
+            unreachable!("the light is a disk")
+        };
+        let (u, v) = normal.any_orthonormal_pair();
         self.each(|p| {
-            let hard = f64::from(u8::from(self.sees_center(p)));
-            let change = |w: &Wedge| {
-                let share = f64::from(w.visible(p));
-                share - f64::from(u8::from(share > 0.5))
+            // Behind no wedge, all edges are off the light; the hard shadow says which side.
+            if !self.wedges.iter().any(|w| w.contains(p)) {
+                return f64::from(u8::from(self.sees_center(p)));
+            }
+            let depth = (center - p).dot(normal);
+            // Corners level with the point are lifted a little: their image lies far off the light, but not at infinity.
+            let project = |e: DVec3| {
+                let share = (e - p).dot(normal) / depth;
+                let e = if share < 1e-3 { e + normal * ((1e-3 - share) * depth) } else { e };
+                let q = p + (e - p) * (depth / (e - p).dot(normal)) - center;
+                DVec2::new(u.dot(q), v.dot(q)) / radius
             };
-            let sum: f64 = self.wedges.iter().filter(|w| w.contains(p)).map(change).sum();
-            (hard + sum).clamp(0.0, 1.0)
+            let from_here = Shape::Sphere { center: p, radius: 0.0 };
+            let hidden: f64 = self
+                .edges
+                .silhouette(&from_here)
+                .filter(|e| e.from_center)
+                .map(|e| {
+                    let [a, b] = e.ends.map(project);
+                    disk_behind_edge(a, b) * (b - a).perp_dot(project(e.beside) - a).signum()
+                })
+                .sum();
+            (1.0 - hidden).clamp(0.0, 1.0)
         })
     }
 
