@@ -12,6 +12,7 @@ mod geometry;
 mod occlusion;
 mod plot;
 mod row;
+mod shadow;
 
 use clap::Parser;
 use row::Row;
@@ -53,6 +54,11 @@ const SWEEPS: &[Sweep] = &[
         name: "occlusion",
         caption: "Occlusion culling: lost pixels against frame time",
         rows: occlusion::rows,
+    },
+    Sweep {
+        name: "shadow",
+        caption: "Shadows: map side, cascades and methods against time",
+        rows: shadow::rows,
     },
 ];
 

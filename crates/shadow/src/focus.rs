@@ -149,8 +149,7 @@ impl Focus {
         }
         self.choose_axes(light, camera);
         self.project_receivers(camera);
-        self.body.set_camera(camera, scope.shadow_far, self.origin);
-        self.shadow_test.set_receivers(self.body.planes(), &self.points);
+        self.shadow_test.set_receivers(&self.points);
         if !self.gather_casters(scope.casters) {
             return Ok(Some(Skip::NoCaster));
         }
@@ -169,6 +168,7 @@ impl Focus {
         self.points.clear();
         for b in scope.receivers {
             self.body.set_camera(scope.camera, scope.shadow_far, self.origin);
+            self.shadow_test.set_view(self.body.planes());
             self.body.clip_to_box(&relative(b, self.origin));
             self.light_planes.iter().for_each(|p| self.body.clip(p));
             self.points.extend_from_slice(self.body.vertices());
@@ -233,6 +233,8 @@ impl Focus {
             if shadow_test.misses(&caster, body.vertices(), points, rays) {
                 continue;
             }
+            // A receiver's corner in the caster settles it; outlines take longer.
+            outlines_meet = outlines_meet || points.iter().any(|&p| caster.contains(p));
             if !outlines_meet {
                 let outline = |c: &Corner| in_plane(c.q);
                 self.skip.set_receivers(self.receivers.iter().map(outline));

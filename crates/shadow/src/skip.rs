@@ -38,10 +38,14 @@ pub(crate) struct ShadowTest {
 }
 
 impl ShadowTest {
-    /// Takes the planes of the view and the corners of the receivers in it.
-    pub fn set_receivers(&mut self, view: &[Plane], points: &[DVec3]) {
+    /// Takes the planes of the view.
+    pub fn set_view(&mut self, planes: &[Plane]) {
         self.planes.clear();
-        self.planes.extend_from_slice(view);
+        self.planes.extend_from_slice(planes);
+    }
+
+    /// Takes the corners of the receivers in view.
+    pub fn set_receivers(&mut self, points: &[DVec3]) {
         self.bounds = DAabb::from_points(points.iter().copied());
     }
 

@@ -3,8 +3,8 @@
 use farsight_geometry::camera::ClipConvention;
 use farsight_geometry::sampling::Random;
 use farsight_geometry::{Camera, DAabb, Projection};
+use farsight_shadow::glam::{DMat4, DVec3, DVec4, Vec4};
 use farsight_shadow::{CubeFace, Focus, MapOptions, Scope, ShadowLight, ShadowView, Warp};
-use glam::{DMat4, DVec3, DVec4, Vec4};
 use std::f64::consts::{PI, TAU};
 
 /// A class of configurations.
