@@ -23,14 +23,16 @@
 //!
 //! | question | answer |
 //! |---|---|
-//! | what does an object ask of the card | [`Features`], [`transformed_vertices`] |
-//! | what does it cost | [`Heuristic`], [`calibrate()`], [`best_model`] |
+//! | what does an object ask of the card | [`Features`], [`transformed_vertices`], [`projected_pixels`], [`sphere_pixels`] |
+//! | what does it cost | [`Heuristic`], [`calibrate()`], [`best_model`]; by look-up: [`ObjectSamples`] |
+//! | what does a view cell cost at most | [`ViewCellSamples`], [`view_cell_estimate`] |
 //! | what will the next frame take | [`Refit`], and with which confidence: [`Residuals`] |
 //! | which levels of detail fit | [`Budget`] |
 //! | and if the prediction fails | [`Deadline`], [`Controller`] |
 //!
 //! Source: Wimmer 2007, chapter 2.
 
+mod appearance;
 mod branch;
 mod budget;
 mod calibrate;
@@ -43,6 +45,9 @@ mod millis;
 mod pixels;
 mod quantiles;
 mod refit;
+mod sampling;
+#[cfg(feature = "simulator")]
+pub mod simulator;
 mod vertex_cache;
 
 pub use branch::{Deadline, Taken};
@@ -57,6 +62,7 @@ pub use millis::Millis;
 pub use pixels::{Sides, projected_pixels, sphere_pixels};
 pub use quantiles::Residuals;
 pub use refit::{Observed, Refit, RefitOptions};
+pub use sampling::{ObjectSamples, SampleOptions, ViewCellSamples, view_cell_estimate};
 pub use vertex_cache::transformed_vertices;
 
 /// Why something could not be estimated.

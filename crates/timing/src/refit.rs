@@ -151,7 +151,7 @@ impl Refit {
         self.constant = self.constant * factor;
         self.normal = Normal::ZERO;
         self.frames = 0.0;
-        self.misses = Residuals::new(64);
+        self.misses.clear();
     }
 
     fn learn(&mut self, frame: &Features, measured: Millis) {
