@@ -148,7 +148,7 @@ fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces, size: [i32; 2]) 
             (x[$a], x[$b]) = (swap.select(x[$b], x[$a]), swap.select(x[$a], x[$b]));
             (y[$a], y[$b]) = (swap.select(y[$b], y[$a]), swap.select(y[$a], y[$b]));
             (z[$a], z[$b]) = (swap.select(z[$b], z[$a]), swap.select(z[$a], z[$b]));
-            even = even ^ swap;
+            even ^= swap;
         };
     }
     sort!(0, 1);
