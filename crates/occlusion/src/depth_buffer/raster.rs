@@ -4,7 +4,7 @@ use super::bins::{TILE_HEIGHT, TILE_WIDTH};
 use super::clip::draw_clipped;
 use super::vertex::{NEEDS_CLIP, SIDES, Vertex};
 use super::{Coverage, DepthBuffer, Faces};
-use fearless_simd::{Simd, f32x8, i32x8, prelude::*, u8x32};
+use fearless_simd::{Simd, f32x8, i32x4, i32x8, prelude::*, u8x16, u8x32};
 use glam::{DMat4, Vec3};
 
 /// Unit roundoff of `f32`.
@@ -148,7 +148,7 @@ fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces, size: [i32; 2]) 
             (x[$a], x[$b]) = (swap.select(x[$b], x[$a]), swap.select(x[$a], x[$b]));
             (y[$a], y[$b]) = (swap.select(y[$b], y[$a]), swap.select(y[$a], y[$b]));
             (z[$a], z[$b]) = (swap.select(z[$b], z[$a]), swap.select(z[$a], z[$b]));
-            even = even ^ swap;
+            even ^= swap;
         };
     }
     sort!(0, 1);
@@ -368,33 +368,46 @@ const TRANSPOSE: [u8; 32] = [
     15,
 ];
 
+/// Bits from an index on; none from 32 on.
+static ONES_FROM: [u32; 64] = {
+    let mut table = [0u32; 64];
+    let mut i = 0;
+    while i < 32 {
+        table[i] = u32::MAX << i;
+        i += 1;
+    }
+    table
+};
+
 /// From a lane per row to a lane per sub-tile: columns `from..to` of each row, relative to the tile.
 #[inline(always)]
 fn sub_tiles<S: Simd>(simd: S, from: i32x8<S>, to: i32x8<S>) -> i32x8<S> {
-    let from = from.max(0).min(32);
-    let to = to.max(0).min(32);
     if simd.level().as_sse4_2().is_some() || cfg!(not(any(target_arch = "x86", target_arch = "x86_64"))) {
+        let (from, to) = (from.max(0).min(32), to.max(0).min(32));
         let rows = ones_from(simd, from) & !ones_from(simd, to);
         let bytes: u8x32<S> = rows.bitcast();
         let order = u8x32::simd_from(simd, TRANSPOSE);
         let bytes: u8x32<S> = simd.swizzle_dyn_within_blocks_u8x32(bytes, order);
         return bytes.bitcast();
     }
-    // Without variable shifts and byte shuffles scalar code is faster than emulation.
-    let (from, to): ([i32; 8], [i32; 8]) = (from.into(), to.into());
-    let row = |r: usize| ((1u64 << to[r]) as i64 - (1u64 << from[r].min(to[r])) as i64) as u32;
-    let half = |r: usize| {
-        // Bytes of four rows, 4 x 4, transposed by swapping blocks.
-        let (a, b, c, d) = (row(r), row(r + 1), row(r + 2), row(r + 3));
-        let (p, q) = ((a & 0x00ff_00ff) | (b & 0x00ff_00ff) << 8, (a >> 8 & 0x00ff_00ff) | (b & 0xff00_ff00));
-        let (s, t) = ((c & 0x00ff_00ff) | (d & 0x00ff_00ff) << 8, (c >> 8 & 0x00ff_00ff) | (d & 0xff00_ff00));
-        [
-            (p & 0xffff) | s << 16,
-            (q & 0xffff) | t << 16,
-            p >> 16 | (s & 0xffff_0000),
-            q >> 16 | (t & 0xffff_0000),
-        ]
-    };
-    let ([a, b, c, d], [e, f, g, h]) = (half(0), half(4));
-    i32x8::simd_from(simd, [a, b, c, d, e, f, g, h].map(|m| m as i32))
+    // SSE2 has no shifts by lane and no byte shuffles, and knows minima of 16 bits only: a table, and two rounds of zips.
+    let (f, t) = (narrow(simd, from), narrow(simd, to));
+    macro_rules! row {
+        ($r:literal) => {
+            (ONES_FROM[f[$r] as usize & 63] & !ONES_FROM[t[$r] as usize & 63]) as i32
+        };
+    }
+    let a: u8x16<S> = i32x4::simd_from(simd, [row!(0), row!(4), row!(1), row!(5)]).bitcast();
+    let b: u8x16<S> = i32x4::simd_from(simd, [row!(2), row!(6), row!(3), row!(7)]).bitcast();
+    let (even, odd) = (simd.zip_low_u8x16(a, b), simd.zip_high_u8x16(a, b));
+    let upper: i32x4<S> = simd.zip_low_u8x16(even, odd).bitcast();
+    let lower: i32x4<S> = simd.zip_high_u8x16(even, odd).bitcast();
+    simd.combine_i32x4(upper, lower)
+}
+
+/// Columns limited to a tile.
+#[inline(always)]
+fn narrow<S: Simd>(simd: S, columns: i32x8<S>) -> [i16; 8] {
+    let (upper, lower) = simd.split_i32x8(columns);
+    simd.saturating_narrow_i32x4(upper, lower).max(0).min(32).into()
 }
