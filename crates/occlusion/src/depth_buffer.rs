@@ -79,7 +79,7 @@ pub struct DepthBufferStats {
 /// was drawn is ever reported as occluded. In the other direction it is loose: about two thirds of what is hidden is found.
 ///
 /// # Cost
-/// 12.25 bytes for each 32 pixels. No allocation after the first frames.
+/// 12.5 bytes for each 32 pixels. No allocation after the first frames.
 ///
 /// # References
 /// Masked software occlusion culling, Hasselgren, Andersson & Akenine-Möller 2016. Differs: coverage is exact, depth has
