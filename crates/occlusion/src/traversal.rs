@@ -147,7 +147,7 @@ impl Culler {
             frame: FIRST_FRAME,
             hierarchy_generation: 0,
             nodes: Vec::new(),
-            slots: Slots::default(),
+            slots: Slots::new(options.nodes_per_query),
             heap: BinaryHeap::new(),
             stack: Vec::new(),
             out: VecDeque::new(),
@@ -172,6 +172,21 @@ impl Culler {
     /// The options.
     pub fn options(&self) -> &Options {
         &self.options
+    }
+
+    /// Memory held, in bytes. Stays the same from frame to frame once a scene has been walked through, as nothing is then
+    /// allocated.
+    pub fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<NodeState>()
+            + self.slots.bytes()
+            + (self.heap.capacity() + self.stack.capacity()) * size_of::<Entry>()
+            + self.out.capacity() * size_of::<Command>()
+            + self.boxes.capacity() * size_of::<DAabb>()
+            + [&self.answered, &self.deferred, &self.hidden, &self.leaves, &self.scratch]
+                .map(|list| list.capacity() * size_of::<u32>())
+                .into_iter()
+                .sum::<usize>()
+            + self.rendered.capacity() * size_of::<NodeId>()
     }
 
     /// Starts a frame; one that was not finished is dropped.
