@@ -365,3 +365,25 @@ fn odd_boxes_are_safe() {
     asked.sort_unstable();
     assert_eq!((drawn, asked), (vec![1, 2], vec![4, 5]));
 }
+
+#[test]
+fn a_walk_repeated_allocates_nothing() {
+    let side = 8;
+    let world = build_town(side, 3);
+    for base in [Options::default(), Options::waves(), options(|o| o.nodes_per_query = 8)] {
+        let mut culler = Culler::new(base, Backend::Boolean).unwrap();
+        let mut machine = Machine::new(&world, Costs::with_latency(20.0), PX);
+        let mut walk = |culler: &mut Culler| {
+            for i in 0..12 {
+                machine.idle(1000.0);
+                machine.frame(culler, &world.bvh, &Walk::Street.camera(side, i, 12, PX));
+            }
+            culler.bytes()
+        };
+        walk(&mut culler);
+        walk(&mut culler);
+        let before = walk(&mut culler);
+        assert_eq!(walk(&mut culler), before);
+        assert!(before < 1 << 20, "{before} bytes for {} nodes", world.bvh.node_capacity());
+    }
+}

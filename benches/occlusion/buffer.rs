@@ -68,6 +68,9 @@ pub fn speeds(table: &mut Table, quick: bool) {
             if floor.is_finite() { table.least(&name, speed, floor) } else { table.info(&name, speed) }
         }
     }
+    let (positions, _) = triangles(10.0, 60_000);
+    let seconds = best(runs, || avx.draw(&m, &positions, &[], Faces::Both));
+    table.info("depth buffer, corners alone, Mvertex/s", positions.len() as f64 / seconds * 1e-6);
     let mut random = Random::new(4);
     for (edge, floor) in [(5, f64::NAN), (10, f64::NAN), (25, f64::NAN), (50, 24.0), (100, f64::NAN)] {
         let boxes: Vec<ScreenBox> = (0..100_000)

@@ -103,9 +103,15 @@ pub(crate) struct Slots {
     all: Vec<Slot>,
     free: Vec<u32>,
     next_serial: u32,
+    /// Most nodes of a query: room for them is made once.
+    per_query: usize,
 }
 
 impl Slots {
+    pub(crate) fn new(nodes_per_query: u32) -> Self {
+        Self { per_query: nodes_per_query as usize, ..Self::default() }
+    }
+
     pub(crate) fn issue(&mut self, frame: u32, must_resolve: bool, nodes: &[u32]) -> (u32, u32) {
         self.next_serial = self.next_serial.wrapping_add(1);
         let serial = self.next_serial;
@@ -117,7 +123,7 @@ impl Slots {
                 about_opening: false,
                 in_use: false,
                 answer: None,
-                nodes: Vec::new(),
+                nodes: Vec::with_capacity(self.per_query),
             });
             self.all.len() as u32 - 1
         });
@@ -127,6 +133,11 @@ impl Slots {
         slot.nodes.clear();
         slot.nodes.extend_from_slice(nodes);
         (index, serial)
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        let lists: usize = self.all.iter().map(|slot| slot.nodes.capacity() * size_of::<u32>()).sum();
+        self.all.capacity() * size_of::<Slot>() + self.free.capacity() * size_of::<u32>() + lists
     }
 
     /// The query with this name, unless it is answered or forgotten.

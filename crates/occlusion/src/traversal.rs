@@ -147,7 +147,7 @@ impl Culler {
             frame: FIRST_FRAME,
             hierarchy_generation: 0,
             nodes: Vec::new(),
-            slots: Slots::default(),
+            slots: Slots::new(options.nodes_per_query),
             heap: BinaryHeap::new(),
             stack: Vec::new(),
             out: VecDeque::new(),
@@ -172,6 +172,21 @@ impl Culler {
     /// The options.
     pub fn options(&self) -> &Options {
         &self.options
+    }
+
+    /// Memory held, in bytes. Stays the same from frame to frame once a scene has been walked through, as nothing is then
+    /// allocated.
+    pub fn bytes(&self) -> usize {
+        self.nodes.capacity() * size_of::<NodeState>()
+            + self.slots.bytes()
+            + (self.heap.capacity() + self.stack.capacity()) * size_of::<Entry>()
+            + self.out.capacity() * size_of::<Command>()
+            + self.boxes.capacity() * size_of::<DAabb>()
+            + [&self.answered, &self.deferred, &self.hidden, &self.leaves, &self.scratch]
+                .map(|list| list.capacity() * size_of::<u32>())
+                .into_iter()
+                .sum::<usize>()
+            + self.rendered.capacity() * size_of::<NodeId>()
     }
 
     /// Starts a frame; one that was not finished is dropped.
@@ -410,9 +425,13 @@ impl Culler {
             Policy::Exact => None,
             Policy::Bounded { frames } => Some(frames),
         };
+        let below = match bounded {
+            Some(_) if !was_visible && !is_leaf => self.verified_below(hierarchy, e.node),
+            _ => 0,
+        };
         let state = self.state(e.node);
         (state.visited, state.parent, state.visible) = (frame, e.parent, false);
-        let verified = state.verified.max(e.verified);
+        let verified = state.verified.max(e.verified).max(below);
         state.verified = verified;
         let open = state.open_until >= frame;
         if e.unbounded || mode != Mode::Culling {
@@ -454,6 +473,20 @@ impl Culler {
         let second = self.frame == self.first_frame + 1 && self.options.unknown == Unknown::Ask;
         let in_flight = state.slot != NONE && self.slots.in_use(state.slot);
         expanded && (runs_out || (second && was_visible)) && !in_flight
+    }
+
+    /// The frame since which everything below a node has been found occluded, child by child; 0 when that is not known. So a
+    /// node whose children are all hidden is hidden as a whole, without an answer of its own.
+    fn verified_below<H: Hierarchy + ?Sized>(&self, hierarchy: &H, node: u32) -> u32 {
+        let (mut least, mut index) = (u32::MAX, 0);
+        while let Some(child) = hierarchy.child(NodeId(node), index) {
+            match self.nodes.get(child.0 as usize) {
+                Some(state) if state.visited == self.frame - 1 => least = least.min(state.verified),
+                _ => return 0,
+            }
+            index += 1;
+        }
+        least
     }
 
     fn ask_about_opening<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, node: u32) {

@@ -157,7 +157,7 @@ fn occluded<S: Simd>(simd: S, buffer: &DepthBuffer, b: &ScreenBox) -> bool {
             let columns = (0xfu32 >> (3 - c1 / 8)) & (0xf << (c0 / 8));
             let upper = if y0 < y + 4 { columns } else { 0 };
             let lower = if y1 > y + 4 { columns << 4 } else { 0 };
-            let base = f32x8::simd_from(simd, bins.base[start + tile_column]);
+            let base = f32x8::simd_from(simd, bins.tiles[start + tile_column].base);
             let open = base.simd_le(f32x8::splat(simd, b.depth)).to_bitmask() as u32;
             if open & (upper | lower) != 0 {
                 return false;

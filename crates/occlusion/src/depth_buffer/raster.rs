@@ -4,7 +4,7 @@ use super::bins::{TILE_HEIGHT, TILE_WIDTH};
 use super::clip::draw_clipped;
 use super::vertex::{NEEDS_CLIP, SIDES, Vertex};
 use super::{Coverage, DepthBuffer, Faces};
-use fearless_simd::{Simd, f32x8, i32x8, prelude::*, u8x32};
+use fearless_simd::{Simd, f32x8, i16x8, i32x4, i32x8, prelude::*, u8x16, u8x32};
 use glam::{DMat4, Vec3};
 
 /// Unit roundoff of `f32`.
@@ -322,7 +322,8 @@ fn rasterise<S: Simd>(simd: S, buffer: &mut DepthBuffer, b: &Batch, i: usize) {
     let mut long = Edge::new(simd, &b.edges[0], i, lanes, row);
     let mut upper = Edge::new(simd, &b.edges[1], i, lanes, row);
     let mut lower = Edge::new(simd, &b.edges[2], i, lanes, row);
-    let right = i32x8::splat(simd, b.right[i]).simd_lt(0);
+    let right = i16x8::splat(simd, b.right[i] as i16).simd_lt(0);
+    let short_lanes = i16x8::simd_from(simd, [0, 1, 2, 3, 4, 5, 6, 7]);
     let columns = buffer.bins.columns;
     // Depth at the first sample of each sub-tile of tile (0, 0), relative to the top corner.
     let (gx, gy) = (b.dx[i], b.dy[i]);
@@ -335,17 +336,21 @@ fn rasterise<S: Simd>(simd: S, buffer: &mut DepthBuffer, b: &Batch, i: usize) {
         let y = (tile_row * TILE_HEIGHT) as i32;
         let rows = lanes + y;
         let centres: f32x8<S> = f32x8::float_from((rows << 8) + 128);
-        let (a, u, l) = (long.crossing(centres), upper.crossing(centres), lower.crossing(centres));
-        let from = right.select(a, u.max(l)).max(begin);
-        let to = right.select(u.min(l), a).min(end);
-        let in_rows = rows.simd_ge(top) & rows.simd_lt(bottom);
-        let to = in_rows.select(to, i32x8::splat(simd, 0));
+        // Columns fit 16 bits, for which every instruction set has minima.
+        let a = narrow(simd, long.crossing(centres));
+        let u = narrow(simd, upper.crossing(centres));
+        let l = narrow(simd, lower.crossing(centres));
+        let from = right.select(a, u.max(l)).max(begin as i16);
+        let to = right.select(u.min(l), a).min(end as i16);
+        let rows = short_lanes + y as i16;
+        let in_rows = rows.simd_ge(top as i16) & rows.simd_lt(bottom as i16);
+        let to = in_rows.select(to, i16x8::splat(simd, 0));
         let mut tiles = tiles;
         // Where the box is wide most of its tiles may be empty.
         if tiles[1] - tiles[0] > 2 {
             let filled = from.simd_lt(to);
-            let least = filled.select(from, i32x8::splat(simd, i32::MAX)).reduce_min();
-            let most = filled.select(to, i32x8::splat(simd, 0)).reduce_max();
+            let least = filled.select(from, i16x8::splat(simd, i16::MAX)).reduce_min();
+            let most = filled.select(to, i16x8::splat(simd, 0)).reduce_max();
             if most == 0 {
                 continue;
             }
@@ -354,7 +359,7 @@ fn rasterise<S: Simd>(simd: S, buffer: &mut DepthBuffer, b: &Batch, i: usize) {
         let down = gy * (y * 256 + 128 - b.y[i]) as f32;
         for tile_column in tiles[0]..tiles[1] {
             let x = (tile_column * TILE_WIDTH) as i32;
-            let covered = sub_tiles(simd, from - x, to - x);
+            let covered = sub_tiles(simd, from - x as i16, to - x as i16);
             let across = gx * (x * 256 + 128 - b.x[i]) as f32;
             let depth = (lane_depth + (across + down)).max(farthest);
             buffer.bins.merge(simd, tile_row * columns + tile_column, covered, depth);
@@ -368,33 +373,51 @@ const TRANSPOSE: [u8; 32] = [
     15,
 ];
 
+/// Bits from an index on; none from 32 on.
+static ONES_FROM: [u32; 64] = {
+    let mut table = [0u32; 64];
+    let mut i = 0;
+    while i < 32 {
+        table[i] = u32::MAX << i;
+        i += 1;
+    }
+    table
+};
+
 /// From a lane per row to a lane per sub-tile: columns `from..to` of each row, relative to the tile.
 #[inline(always)]
-fn sub_tiles<S: Simd>(simd: S, from: i32x8<S>, to: i32x8<S>) -> i32x8<S> {
-    let from = from.max(0).min(32);
-    let to = to.max(0).min(32);
+fn sub_tiles<S: Simd>(simd: S, from: i16x8<S>, to: i16x8<S>) -> i32x8<S> {
+    let (from, to) = (from.max(0).min(32), to.max(0).min(32));
     if simd.level().as_sse4_2().is_some() || cfg!(not(any(target_arch = "x86", target_arch = "x86_64"))) {
-        let rows = ones_from(simd, from) & !ones_from(simd, to);
+        let rows = ones_from(simd, widen(simd, from)) & !ones_from(simd, widen(simd, to));
         let bytes: u8x32<S> = rows.bitcast();
         let order = u8x32::simd_from(simd, TRANSPOSE);
         let bytes: u8x32<S> = simd.swizzle_dyn_within_blocks_u8x32(bytes, order);
         return bytes.bitcast();
     }
-    // Without variable shifts and byte shuffles scalar code is faster than emulation.
-    let (from, to): ([i32; 8], [i32; 8]) = (from.into(), to.into());
-    let row = |r: usize| ((1u64 << to[r]) as i64 - (1u64 << from[r].min(to[r])) as i64) as u32;
-    let half = |r: usize| {
-        // Bytes of four rows, 4 x 4, transposed by swapping blocks.
-        let (a, b, c, d) = (row(r), row(r + 1), row(r + 2), row(r + 3));
-        let (p, q) = ((a & 0x00ff_00ff) | (b & 0x00ff_00ff) << 8, (a >> 8 & 0x00ff_00ff) | (b & 0xff00_ff00));
-        let (s, t) = ((c & 0x00ff_00ff) | (d & 0x00ff_00ff) << 8, (c >> 8 & 0x00ff_00ff) | (d & 0xff00_ff00));
-        [
-            (p & 0xffff) | s << 16,
-            (q & 0xffff) | t << 16,
-            p >> 16 | (s & 0xffff_0000),
-            q >> 16 | (t & 0xffff_0000),
-        ]
-    };
-    let ([a, b, c, d], [e, f, g, h]) = (half(0), half(4));
-    i32x8::simd_from(simd, [a, b, c, d, e, f, g, h].map(|m| m as i32))
+    // SSE2 has no shifts by lane and no byte shuffles: a table, and two rounds of zips.
+    let (f, t): ([i16; 8], [i16; 8]) = (from.into(), to.into());
+    macro_rules! row {
+        ($r:literal) => {
+            (ONES_FROM[f[$r] as usize & 63] & !ONES_FROM[t[$r] as usize & 63]) as i32
+        };
+    }
+    let a: u8x16<S> = i32x4::simd_from(simd, [row!(0), row!(4), row!(1), row!(5)]).bitcast();
+    let b: u8x16<S> = i32x4::simd_from(simd, [row!(2), row!(6), row!(3), row!(7)]).bitcast();
+    let (even, odd) = (simd.zip_low_u8x16(a, b), simd.zip_high_u8x16(a, b));
+    let upper: i32x4<S> = simd.zip_low_u8x16(even, odd).bitcast();
+    let lower: i32x4<S> = simd.zip_high_u8x16(even, odd).bitcast();
+    simd.combine_i32x4(upper, lower)
+}
+
+#[inline(always)]
+fn narrow<S: Simd>(simd: S, columns: i32x8<S>) -> i16x8<S> {
+    let (upper, lower) = simd.split_i32x8(columns);
+    simd.saturating_narrow_i32x4(upper, lower)
+}
+
+#[inline(always)]
+fn widen<S: Simd>(simd: S, columns: i16x8<S>) -> i32x8<S> {
+    let (upper, lower) = simd.widen_i16x8(columns);
+    simd.combine_i32x4(upper, lower)
 }

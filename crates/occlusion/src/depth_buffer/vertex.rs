@@ -84,7 +84,9 @@ fn four_of<S: Simd>(simd: S, m: &DMat4, p: [Vec3; 4], width: f64, height: f64) -
     let w = px * m.x_axis.w + py * m.y_axis.w + pz * m.z_axis.w + m.w_axis.w;
     let column = (x + w) * (0.5 * width) / w;
     let row = (w - y) * (0.5 * height) / w;
+    // Rounding to `f32` moves this by less than it is lowered.
     let depth = z / w;
+    let depth = depth - depth.abs() * f64::from(f32::EPSILON) - 1e-37;
     // Comparisons with NaN are false, so what is not certainly good needs clipping.
     let far = f64x4::splat(simd, GUARD);
     let good = column.simd_ge(-GUARD)
@@ -104,14 +106,11 @@ fn four_of<S: Simd>(simd: S, m: &DMat4, p: [Vec3; 4], width: f64, height: f64) -
         (snap(simd, column).into(), snap(simd, row).into(), depth.into());
     let mut out = [Vertex::default(); 4];
     for i in 0..4 {
-        let rounded = depths[i] as f32;
-        // Away from the eye, also where the division had rounded towards it.
-        let down = if f64::from(rounded) >= depths[i] { rounded.next_down() } else { rounded };
         let bit = |lanes: u32, k: u32| (lanes >> i & 1) << k;
         let sides = bit(left, 0) | bit(right, 1) | bit(below, 2) | bit(above, 3) | bit(before, 4);
         let clip = bit(!good, NEEDS_CLIP.trailing_zeros());
         let whole = |v: f64| (v.to_bits() as i32).wrapping_sub(1 << 24);
-        out[i] = Vertex { x: whole(columns[i]), y: whole(rows[i]), z: down, code: sides | clip };
+        out[i] = Vertex { x: whole(columns[i]), y: whole(rows[i]), z: depths[i] as f32, code: sides | clip };
     }
     out
 }
