@@ -143,7 +143,7 @@ fn soft_rows(quick: bool) -> Vec<Row> {
     };
     // In the penumbra, about a third of this picture, n² strata are off by some n^-1.5 of the light.
     let sampled = |n: u32| {
-        row("rays to the light, n²", n.into(), 0.6 * f64::from(n).powf(-1.5), u64::from(n * n), &move || {
+        row("rays to the light, n²", n.into(), 0.6 * f64::from(n).powf(-1.5), u64::from(n * n), &|| {
             soft.sampled(n)
         })
     };
