@@ -7,8 +7,8 @@
 //! ```
 //!
 //! You should see a table of edge offsets in pixels, and in `out/shadow` three figures: `comparison.png` (rows: rays, uniform, LiSPSM, PSM,
-//! minimax; columns: near, medium, far; wrong pixels in red), `curves.svg` (dp/ds along the view) and `soft.png` (sampled light, silhouettes, blurred
-//! hard shadow, and what the latter two get wrong).
+//! minimax; columns: near, medium, far; false shadow in dark red, missing shadow in light red), `curves.svg` (dp/ds along the view) and `soft.png`
+//! (sampled light; silhouettes and what they get wrong, four times enlarged; a hard shadow blurred by one width, and likewise).
 
 mod figure;
 mod offset;

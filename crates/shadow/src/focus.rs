@@ -83,6 +83,8 @@ pub(crate) struct Corner {
     pub q: DVec3,
     /// World units per unit of light space there, over the distance ahead of the eye (1 for a parallel camera).
     pub scale: f64,
+    /// Size of the terms in light space that add up to its position: what `f32` rounding is relative to.
+    pub reach: f64,
 }
 
 /// What must be in a shadow map, in light space relative to the eye.
@@ -103,6 +105,8 @@ pub struct Focus {
     pub(crate) inflation: f64,
     /// Stronger warps than this would be finer than `f32` coordinates.
     pub(crate) kappa_most: f64,
+    /// Texels on a side times the relative grain of `f32`: extent over reach at which a texel is one step of `f32`.
+    pub(crate) grain: f64,
     pub(crate) pixels_per_unit: f64,
     /// Sine of the angle between view and light.
     pub(crate) sin_gamma: f64,
@@ -204,7 +208,7 @@ impl Focus {
             let (q, h) = self.space.project(p);
             // Rounding may leave a corner a hair before the near plane.
             let eye_depth = if perspective { ahead.dot(p).max(near) } else { 1.0 };
-            Corner { q, scale: h / eye_depth }
+            Corner { q, scale: h / eye_depth, reach: reach(&self.space, p, q, h) }
         }));
         self.footprint = DAabb::from_points(self.receivers.iter().map(|c| c.q));
     }
@@ -263,33 +267,19 @@ impl Focus {
     }
 
     fn grow_footprint(&mut self, map_side: u32) {
-        let reach = self.reaches().fold(0.0, f64::max);
-        let least = f64::from(map_side) * f64::from(f32::EPSILON) * reach.max(f64::from(f32::MIN_POSITIVE));
+        let reach = self.receivers.iter().map(|c| c.reach).fold(0.0, f64::max);
+        self.grain = f64::from(map_side) * f64::from(f32::EPSILON);
+        let least = self.grain * reach.max(f64::from(f32::MIN_POSITIVE));
         let missing = (DVec3::splat(least) - self.footprint.extent()).max(DVec3::ZERO) * 0.5;
         self.inflation = missing.x.max(missing.z);
         self.footprint = DAabb::new(self.footprint.min - missing, self.footprint.max + missing);
-        self.kappa_most = self.strongest(map_side);
-    }
-
-    /// For each corner, the size of the terms in light space that add up to its position: what `f32` rounding is relative to.
-    fn reaches(&self) -> impl Iterator<Item = f64> + '_ {
-        let s = &self.space;
-        let offset = s.x.w.abs().max(s.z.w.abs());
-        self.points.iter().zip(&self.receivers).map(move |(p, c)| {
-            let h = s.h.dot(p.extend(1.0));
-            let q = in_plane(c.q).abs().max_element();
-            let p = p.abs().max_element();
-            // Parallel light has no h but 1; that of a spot is rounded like the rest.
-            let of_h = if s.h.truncate() == DVec3::ZERO { 1.0 } else { (p + s.h.w.abs()) / h };
-            (p + offset) / h + q * of_h
-        })
+        self.kappa_most = self.strongest();
     }
 
     /// The κ up to which `f32` rounding of κ·u, relative to w, moves no corner by more than about half a texel.
-    fn strongest(&self, map_side: u32) -> f64 {
-        let share = 2.0 * f64::from(f32::EPSILON) * f64::from(map_side);
+    fn strongest(&self) -> f64 {
         let near = self.footprint.min.z;
-        let limits = self.reaches().zip(&self.receivers).map(|(reach, c)| share * reach - (c.q.z - near));
+        let limits = self.receivers.iter().map(|c| 2.0 * self.grain * c.reach - (c.q.z - near));
         1.0 / limits.fold(0.0, f64::max).max(f64::MIN_POSITIVE)
     }
 
@@ -318,6 +308,15 @@ impl Focus {
     pub fn extent(&self) -> DVec2 {
         in_plane(self.footprint.extent())
     }
+}
+
+/// See [`Corner::reach`]; of a point relative to the eye, its place `q` in light space and its h.
+fn reach(space: &LightSpace, p: DVec3, q: DVec3, h: f64) -> f64 {
+    let offset = space.x.w.abs().max(space.z.w.abs());
+    let p = p.abs().max_element();
+    // Parallel light has no h but 1; that of a spot is rounded like the rest.
+    let of_h = if space.h.truncate() == DVec3::ZERO { 1.0 } else { (p + space.h.w.abs()) / h };
+    (p + offset) / h + in_plane(q).abs().max_element() * of_h
 }
 
 /// The smallest sphere on the view axis around the view up to `far`. Its size does not depend on where the camera looks.

@@ -1,4 +1,16 @@
-//! Shadow maps that put texels where the eye needs them.
+//! Shadow maps that put texels where the eye needs them, and the mathematics of penumbrae.
+//!
+//! | question | answer |
+//! |---|---|
+//! | what must a map cover, is one needed? | [`Focus::fit`], [`PointFocus::fit`] |
+//! | which matrix? | [`Focus::map`] with a [`Warp`] |
+//! | how large are its texels? | [`ShadowView::texel`], [`ShadowView::texel_at`], [`ShadowView::required_side`]; [`Spacing`] in closed form |
+//! | how many cascades? | [`plan_cascades`], [`least_cascades`] |
+//! | and with a matrix for a camera? | [`camera_from_matrix`] |
+//! | soft shadows, coarse casters | [`penumbra`] |
+//!
+//! A frame: fit, and draw nothing when the answer is a [`Skip`]; else ask for the map, handing over the previous one so that the warp moves steadily.
+//! Matrices are built in `f64` relative to the eye and work the same a thousand kilometres from the origin.
 //!
 //! ```
 //! use farsight_geometry::{Camera, DAabb, glam::{DVec3, dvec3}};
@@ -97,3 +109,8 @@ pub enum ShadowError {
         reason: &'static str,
     },
 }
+
+/// The README's example, tested.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -8,8 +8,8 @@ pub(crate) struct Fit<'a> {
     near: f64,
     /// Extent along the warp axis.
     pub d: f64,
-    /// Least extent across.
-    least_across: f64,
+    /// Least extent of x/w, over what its rounding is relative to.
+    grain: f64,
     /// Strongest warp.
     most: f64,
 }
@@ -22,6 +22,8 @@ struct Largest {
     across: f64,
     /// Of (w·scale)²·(w² + κ²x²).
     along_sq: f64,
+    /// Of the terms that add up to a corner's place across.
+    reach: f64,
 }
 
 impl<'a> Fit<'a> {
@@ -31,17 +33,19 @@ impl<'a> Fit<'a> {
             corners: &focus.receivers,
             near: focus.footprint.min.z,
             d: extent.z,
-            least_across: extent.x,
+            grain: focus.grain,
             most: focus.kappa_most,
         }
     }
 
     fn largest(&self, kappa: f64) -> Largest {
-        let start = Largest { low: f64::INFINITY, high: f64::NEG_INFINITY, across: 0.0, along_sq: 0.0 };
+        let start =
+            Largest { low: f64::INFINITY, high: f64::NEG_INFINITY, across: 0.0, along_sq: 0.0, reach: 0.0 };
         let kappa_sq = kappa * kappa;
         self.corners.iter().fold(start, |m, c| {
             let w = 1.0 + kappa * (c.q.z - self.near);
-            let t = c.q.x / w;
+            let inverse = 1.0 / w;
+            let (t, reach) = (c.q.x * inverse, c.reach * inverse);
             let across = w * c.scale;
             let along_sq = across * across * (w * w + kappa_sq * c.q.x * c.q.x);
             Largest {
@@ -49,27 +53,27 @@ impl<'a> Fit<'a> {
                 high: if t > m.high { t } else { m.high },
                 across: if across > m.across { across } else { m.across },
                 along_sq: if along_sq > m.along_sq { along_sq } else { m.along_sq },
+                reach: if reach > m.reach { reach } else { m.reach },
             }
         })
     }
 
-    /// What x/w must at least extend over, so that texels are not finer than `f32`.
-    fn missing(&self, kappa: f64, m: &Largest) -> f64 {
-        // `least_across` is the extent at κ = 0, which exceeds that of the corners only where it had to grow.
-        (self.least_across / (1.0 + kappa * self.d) - (m.high - m.low)).max(0.0)
+    /// What x/w lacks in extent, so that texels are not finer than `f32`.
+    fn missing(&self, m: &Largest) -> f64 {
+        (self.grain * (m.reach + m.low.abs().max(m.high.abs())) - (m.high - m.low)).max(0.0)
     }
 
     /// Least x/w and the extent of x/w.
     pub fn across(&self, kappa: f64) -> (f64, f64) {
         let m = self.largest(kappa);
-        let missing = self.missing(kappa, &m);
+        let missing = self.missing(&m);
         (m.low - 0.5 * missing, m.high - m.low + missing)
     }
 
     /// Largest extent of a unit of the map on the image plane, over all corners and both directions.
     pub fn worst_texel(&self, kappa: f64) -> f64 {
         let m = self.largest(kappa);
-        let across = m.high - m.low + self.missing(kappa, &m);
+        let across = m.high - m.low + self.missing(&m);
         let along = self.d / (1.0 + kappa * self.d);
         (along * m.along_sq.sqrt()).max(across * m.across)
     }

@@ -190,7 +190,9 @@ impl Focus {
                 ErrorBound::measured(value, Unit::Pixels)
             }
         };
-        self.view(window.matrix(options.convention), kappa, [bound(kappa), bound(0.0)], options)
+        let uniform = bound(0.0);
+        let texel = if kappa > 0.0 { bound(kappa) } else { uniform };
+        self.view(window.matrix(options.convention), kappa, [texel, uniform], options)
     }
 
     pub(crate) fn view(

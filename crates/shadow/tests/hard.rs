@@ -275,3 +275,37 @@ fn bad_input_is_named() {
         Ok(Some(farsight_shadow::Skip::NoCaster))
     );
 }
+
+/// Ground without thickness was once cut away by its own two sides.
+#[test]
+fn flat_ground_is_covered_wherever_the_camera_looks() {
+    let mut random = Random::new(44);
+    let ground = [DAabb::new(dvec3(-300.0, -300.0, 0.0), dvec3(300.0, 300.0, 0.0))];
+    let caster = [DAabb::new(dvec3(-300.0, -300.0, 0.0), dvec3(300.0, 300.0, 30.0))];
+    let light = ShadowLight::directional(dvec3(0.3, 0.2, -0.6).normalize());
+    let mut tested = 0;
+    for _ in 0..200 {
+        let eye = DVec3::from_array(random.units()) * 9.0 + DVec3::Z * 0.5;
+        let camera =
+            Camera::look_at(eye, eye + DVec3::from_array(random.units()) - dvec3(0.5, 0.5, 0.8), DVec3::Z)
+                .and_then(|c| c.with_range(0.1, 100.0))
+                .unwrap();
+        let mut focus = Focus::new();
+        let skip = focus.fit(&light, &Scope::new(&camera, 100.0, &ground, &caster, 1024)).unwrap();
+        let view = skip.is_none().then(|| focus.map(&MapOptions::new(1024), None));
+        for _ in 0..40 {
+            let px = glam::DVec2::from_array(random.units()) * glam::dvec2(1280.0, 720.0);
+            let ray = camera.ray(px);
+            let p = ray.at(-ray.origin().z / ray.direction().z);
+            let depth = camera.forward().dot(p - eye);
+            if ray.direction().z < 0.0 && depth > 0.1 && depth < 99.9 && p.abs().max_element() < 300.0 {
+                let view = view.expect("the ground is seen");
+                let clip = view.clip_from_relative * (p - view.origin).extend(1.0);
+                let n = clip / clip.w;
+                assert!(n.x.abs() <= 1.0 && n.y.abs() <= 1.0 && n.z >= 0.0 && n.z <= 1.0, "{n}");
+                tested += 1;
+            }
+        }
+    }
+    assert!(tested > 2000, "{tested}");
+}
