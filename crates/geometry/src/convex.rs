@@ -181,9 +181,19 @@ impl ConvexBody {
 
     /// Vertices and edges of a (possibly degenerate) hexahedron whose planes are set.
     fn set_corners(&mut self, corners: [DVec3; 8]) {
+        self.reach = corners.iter().fold(DVec3::ZERO, |reach, c| reach.max(c.abs()));
+        let differ = |([a, b], _): &([u32; 2], _)| corners[*a as usize] != corners[*b as usize];
+        if BOX_EDGES.iter().all(differ) {
+            self.vertices.extend_from_slice(&corners);
+            self.edges.extend(BOX_EDGES.iter().map(|&(vertices, faces)| Edge { vertices, faces }));
+        } else {
+            self.set_flat_corners(corners);
+        }
+    }
+
+    fn set_flat_corners(&mut self, corners: [DVec3; 8]) {
         // Equal corners of flat boxes become one vertex, so that edges have length and vertices are distinct.
         let mut index = [0; 8];
-        self.reach = corners.iter().fold(DVec3::ZERO, |reach, c| reach.max(c.abs()));
         for (i, corner) in corners.iter().enumerate() {
             index[i] = match self.vertices.iter().position(|v| v == corner) {
                 Some(known) => known as u32,
@@ -285,15 +295,13 @@ impl ConvexBody {
             let d = plane.distance(*v);
             if d.abs() <= rounding { 0.0 } else { d }
         };
-        distances.extend(self.vertices.iter().map(distance));
-        if distances.iter().all(|&d| d >= 0.0) {
-            return;
-        }
-        if distances.iter().all(|&d| d < 0.0) {
+        let mut outside = 0;
+        distances.extend(self.vertices.iter().map(distance).inspect(|&d| outside += usize::from(d < 0.0)));
+        if outside == self.vertices.len() {
             self.clear();
-            return;
+        } else if outside > 0 {
+            self.keep_inside(plane);
         }
-        self.keep_inside(plane);
     }
 
     /// The clip proper, with vertices on both sides.
