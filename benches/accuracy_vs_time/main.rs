@@ -11,6 +11,7 @@ mod check;
 mod geometry;
 mod plot;
 mod row;
+mod timing;
 
 use clap::Parser;
 use row::Row;
@@ -46,11 +47,14 @@ struct Sweep {
     rows: fn(quick: bool) -> Vec<Row>,
 }
 
-const SWEEPS: &[Sweep] = &[Sweep {
-    name: "geometry",
-    caption: "Hausdorff distance: tolerance against time",
-    rows: geometry::rows,
-}];
+const SWEEPS: &[Sweep] = &[
+    Sweep { name: "geometry", caption: "Hausdorff distance: tolerance against time", rows: geometry::rows },
+    Sweep {
+        name: "timing",
+        caption: "Rendering-time estimates: estimator and samples against time per object",
+        rows: timing::rows,
+    },
+];
 
 fn main() -> std::process::ExitCode {
     let options = Options::parse();
