@@ -51,7 +51,7 @@ const SWEEPS: &[Sweep] = &[
     Sweep { name: "geometry", caption: "Hausdorff distance: tolerance against time", rows: geometry::rows },
     Sweep {
         name: "timing",
-        caption: "Rendering-time estimates: estimator and samples against time per object",
+        caption: "Rendering-time estimates: estimator and samples against time per frame estimated",
         rows: timing::rows,
     },
 ];
