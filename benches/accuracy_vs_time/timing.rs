@@ -6,6 +6,7 @@ use farsight_timing::simulator::{Law, SimScene, Simulator};
 use farsight_timing::{
     Collinear, Features, Heuristic, Millis, Model, Refit, RefitOptions, Sample, calibrate,
 };
+use std::time::Duration;
 
 pub fn rows(quick: bool) -> Vec<Row> {
     let frames = if quick { 150 } else { 600 };
