@@ -13,6 +13,7 @@ mod occlusion;
 mod plot;
 mod row;
 mod shadow;
+mod timing;
 
 use clap::Parser;
 use row::Row;
@@ -59,6 +60,11 @@ const SWEEPS: &[Sweep] = &[
         name: "shadow",
         caption: "Shadows: map side, cascades and methods against time",
         rows: shadow::rows,
+    },
+    Sweep {
+        name: "timing",
+        caption: "Rendering-time estimates: estimator and samples against time per frame estimated",
+        rows: timing::rows,
     },
 ];
 

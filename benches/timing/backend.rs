@@ -194,19 +194,26 @@ impl Backend for Raster {
     }
 
     fn time_alone(&mut self, object: usize, camera: &Camera) -> Millis {
-        self.target.clear();
-        let start = thread_cpu_time();
-        self.draw(object, camera);
-        Millis::from(thread_cpu_time() - start)
+        let once = |this: &mut Self| {
+            this.target.clear();
+            let start = thread_cpu_time();
+            this.draw(object, camera);
+            thread_cpu_time() - start
+        };
+        Millis::from(once(self).min(once(self)))
     }
 
     fn time_frame(&mut self, visible: &[usize], camera: &Camera) -> Millis {
-        let start = thread_cpu_time();
-        for _ in 0..self.repeat {
-            self.target.clear();
-            visible.iter().for_each(|&i| self.draw(i, camera));
-        }
-        Millis::from(thread_cpu_time() - start)
+        let once = |this: &mut Self| {
+            let start = thread_cpu_time();
+            for _ in 0..this.repeat {
+                this.target.clear();
+                visible.iter().for_each(|&i| this.draw(i, camera));
+            }
+            thread_cpu_time() - start
+        };
+        // Other programs share caches and cores with this one; the least of three is closest to what the drawing itself takes.
+        Millis::from(once(self).min(once(self)).min(once(self)))
     }
 
     fn double_the_cost(&mut self) {

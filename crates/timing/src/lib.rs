@@ -127,3 +127,8 @@ pub enum TimingError {
         object: usize,
     },
 }
+
+/// The README's example, so that it stays true.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,8 +1,7 @@
 //! How many pixels an object covers: exactly, and by its bounding sphere.
 
-use farsight_geometry::frustum::Containment;
-use farsight_geometry::{Camera, ClipConvention, Frustum, Projection, Sphere, TriangleMesh};
-use glam::{DAffine3, DMat4, DVec2, DVec4};
+use farsight_geometry::{Camera, ClipConvention, Projection, Sphere, TriangleMesh};
+use glam::{DAffine3, DMat4, DVec2, DVec3, DVec4};
 
 /// Which sides of a triangle are drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -158,17 +157,17 @@ impl Polygon {
 /// Pixels of a bounding sphere's image within the screen: an estimate of the pixels of what it bounds, up to a factor of the object's.
 ///
 /// # Accuracy
-/// The area of the sphere's ellipse is exact. Cut by the screen's edge it is estimated as the share of the ellipse's box that remains. A
-/// sphere that reaches the plane of the eye counts as the whole screen, unless it is certainly out of view.
+/// The area of the sphere's ellipse is exact. Cut by the screen's edge it is estimated as the share of the ellipse's box that remains. Of a
+/// sphere that reaches the plane of the eye the image is no ellipse: the share of 16 x 12 rays that meet it counts. Around the eye it covers the
+/// whole screen.
 ///
 /// # Cost
-/// About 20 ns.
+/// About 20 ns; about 0.3 µs for a sphere that reaches the plane of the eye.
 pub fn sphere_pixels(sphere: &Sphere, camera: &Camera) -> f64 {
     let screen = DVec2::new(f64::from(camera.width()), f64::from(camera.height()));
     let view = camera.to_view(sphere.center);
     let (r, ahead, scale) = (sphere.radius, -view.z, camera.pixels_per_unit());
     let off_axis = DVec2::new(view.x, view.y);
-    let out_of_view = || Frustum::from_camera(camera).classify_sphere(sphere) == Containment::Outside;
     if ahead + r <= camera.near() || ahead - r >= camera.far() {
         return 0.0;
     }
@@ -177,7 +176,7 @@ pub fn sphere_pixels(sphere: &Sphere, camera: &Camera) -> f64 {
         Projection::Orthographic { .. } => (off_axis * scale, r * scale, r * scale),
         Projection::Perspective { .. } => {
             if ahead <= r {
-                return if out_of_view() { 0.0 } else { screen.x * screen.y };
+                return screen.x * screen.y * share_of_rays(view, r, camera);
             }
             let depth_sq = (ahead - r) * (ahead + r);
             let radial = scale * r * (off_axis.length_squared() + depth_sq).sqrt() / depth_sq;
@@ -199,11 +198,31 @@ pub fn sphere_pixels(sphere: &Sphere, camera: &Camera) -> f64 {
     if area.is_finite() { area.min(screen.x * screen.y) } else { screen.x * screen.y }
 }
 
+/// Share of the rays through a coarse grid of the screen that meet a sphere, given in view space.
+fn share_of_rays(center: DVec3, radius: f64, camera: &Camera) -> f64 {
+    const GRID: [u32; 2] = [16, 12];
+    let outside = center.length_squared() - radius * radius;
+    if outside <= 0.0 {
+        return 1.0;
+    }
+    let half = camera.half_extent();
+    let mut hits = 0;
+    for y in 0..GRID[1] {
+        for x in 0..GRID[0] {
+            let at = |i: u32, n: u32| (2.0 * f64::from(i) + 1.0) / f64::from(n) - 1.0;
+            let ray = DVec3::new(half.x * at(x, GRID[0]), half.y * at(y, GRID[1]), -1.0);
+            let along = center.dot(ray);
+            hits += u32::from(along > 0.0 && along * along >= outside * ray.length_squared());
+        }
+    }
+    f64::from(hits) / f64::from(GRID[0] * GRID[1])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use farsight_geometry::hard_cases;
-    use glam::{DVec3, Vec3};
+    use glam::Vec3;
 
     /// Pixels by shooting rays through sub-pixel centres and testing each triangle by volumes' signs.
     fn by_rays(mesh: &TriangleMesh, camera: &Camera, per_pixel: u32, front_only: bool) -> f64 {
@@ -365,6 +384,10 @@ mod tests {
         let cut = Sphere { center: DVec3::new(4.0, 2.2, 0.0), radius: 0.9 };
         let (estimate, counted) = (sphere_pixels(&cut, &camera), hit(&cut, &camera));
         assert!(counted > 0.0 && (estimate / counted - 1.0).abs() < 0.35, "{estimate} {counted}");
+        // Beside the eye, across its plane.
+        let beside = Sphere { center: DVec3::new(0.3, 1.2, 0.1), radius: 1.1 };
+        let (estimate, counted) = (sphere_pixels(&beside, &camera), hit(&beside, &camera));
+        assert!(counted > 100.0 && (estimate / counted - 1.0).abs() < 0.1, "{estimate} {counted}");
         // Around the eye the whole screen, behind it nothing.
         let around = Sphere { center: DVec3::new(0.5, 0.0, 0.0), radius: 2.0 };
         assert_eq!(sphere_pixels(&around, &camera), 64.0 * 48.0);

@@ -47,13 +47,6 @@ impl Residuals {
         self.sorted.insert(at, ratio);
     }
 
-    /// Forgets everything, and keeps the memory.
-    pub fn clear(&mut self) {
-        self.recent.clear();
-        self.sorted.clear();
-        self.next = 0;
-    }
-
     /// Number of ratios remembered.
     pub fn len(&self) -> usize {
         self.sorted.len()

@@ -21,14 +21,21 @@ pub struct RefitOptions {
     pub outlier: f64,
     /// Outliers in a row, all on one side, that are taken for a change rather than for hitches.
     pub persistence: u32,
+    /// Share of the last miss that the next prediction takes over: what no term explains (hidden pixels, large triangles) changes slowly
+    /// along a path. Zero predicts from the terms alone.
+    pub tracking: f64,
 }
 
 impl Default for RefitOptions {
-    /// Remembers 120 frames, trusts the calibration for 4, calls ten typical misses an outlier and five in a row a change.
+    /// Remembers 120 frames, trusts the calibration for 4, calls ten typical misses an outlier and five in a row a change; takes half of
+    /// the last miss over.
     fn default() -> Self {
-        Self { memory: 120.0, trust: 4.0, outlier: 10.0, persistence: 5 }
+        Self { memory: 120.0, trust: 4.0, outlier: 10.0, persistence: 5, tracking: 0.5 }
     }
 }
+
+/// Typical misses are taken for at least this share of a frame: a large object that comes into view is no hitch, however quiet it was before.
+const LEAST_TYPICAL: f64 = 0.015;
 
 /// What became of an observed frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,6 +67,8 @@ pub struct Refit {
     /// Sizes of the last misses, relative to the prediction.
     misses: Residuals,
     outliers: i32,
+    /// What the last frames took more than the terms say, as a share.
+    bias: f64,
 }
 
 impl Refit {
@@ -80,6 +89,7 @@ impl Refit {
             frames: 0.0,
             misses: Residuals::new(64),
             outliers: 0,
+            bias: 0.0,
         })
     }
 
@@ -93,9 +103,24 @@ impl Refit {
         self.constant
     }
 
+    /// What the last frames took more than model and constant say, as a share: all costs are to be multiplied by 1 + this.
+    pub fn bias(&self) -> f64 {
+        self.bias
+    }
+
     /// What a frame with these features (added over its objects) takes.
     #[inline]
     pub fn predict(&self, frame: &Features) -> Millis {
+        self.by_terms(frame) * (1.0 + self.bias)
+    }
+
+    /// What an object of a frame takes, its share of the bias included.
+    #[inline]
+    pub fn predict_object(&self, object: &Features) -> Millis {
+        self.model.predict(object) * (1.0 + self.bias)
+    }
+
+    fn by_terms(&self, frame: &Features) -> Millis {
         self.model.predict(frame) + self.constant
     }
 
@@ -115,6 +140,7 @@ impl Refit {
             self.start_anew(predicted, measured);
         }
         self.learn(frame, measured);
+        self.track(frame, predicted, measured);
         Ok(verdict)
     }
 
@@ -124,34 +150,42 @@ impl Refit {
         let scale = predicted.0.max(1e-6);
         // Before a few frames were seen nothing is known of typical misses.
         let typical = self.misses.quantile(Millis(scale), 0.5).filter(|_| self.misses.len() >= 16);
-        // Below half a percent a miss is never called a hitch, however quiet it was before.
-        let limit = typical.map(|t| self.options.outlier * t.0.max(5e-3 * scale));
-        match limit {
-            Some(limit) if miss.abs() > limit => {
-                let side = if miss > 0.0 { 1 } else { -1 };
-                self.outliers = if self.outliers.signum() == side { self.outliers + side } else { side };
-                if self.outliers.unsigned_abs() >= self.options.persistence {
-                    self.outliers = 0;
-                    return Observed::Change;
-                }
-                Observed::Hitch
-            }
-            _ => {
-                self.outliers = 0;
-                self.misses.record(Millis(scale), Millis(miss.abs()));
-                Observed::Learnt
-            }
+        let limit = typical.map(|t| self.options.outlier * t.0.max(LEAST_TYPICAL * scale));
+        // Hitches are recorded too: a median does not mind a few, and has to follow when all frames become unsteady.
+        self.misses.record(Millis(scale), Millis(miss.abs()));
+        if limit.is_none_or(|limit| miss.abs() <= limit) {
+            self.outliers = 0;
+            return Observed::Learnt;
         }
+        let side = if miss > 0.0 { 1 } else { -1 };
+        self.outliers = if self.outliers.signum() == side { self.outliers + side } else { side };
+        if self.outliers.unsigned_abs() >= self.options.persistence {
+            self.outliers = 0;
+            return Observed::Change;
+        }
+        Observed::Hitch
     }
 
     /// Drops the past: costs are scaled to the new level and trusted like a fresh calibration.
     fn start_anew(&mut self, predicted: Millis, measured: Millis) {
-        let factor = if predicted.0 > 0.0 { measured.0 / predicted.0 } else { 1.0 };
+        let factor = (1.0 + self.bias) * if predicted.0 > 0.0 { measured.0 / predicted.0 } else { 1.0 };
+        self.bias = 0.0;
         self.model.costs.iter_mut().for_each(|c| *c *= factor);
         self.constant = self.constant * factor;
         self.normal = Normal::ZERO;
         self.frames = 0.0;
-        self.misses.clear();
+    }
+
+    /// Corrects the level by a part of the miss; relative to the costs as they are after learning.
+    fn track(&mut self, frame: &Features, predicted: Millis, measured: Millis) {
+        let expected = predicted + (measured - predicted) * self.options.tracking.clamp(0.0, 1.0);
+        let by_terms = self.by_terms(frame);
+        self.bias = if self.options.tracking > 0.0 && by_terms.0 > 0.0 && predicted.0 > 0.0 {
+            // Far from the last frames the correction is no more than a guess.
+            (expected / by_terms - 1.0).clamp(-0.5, 1.0)
+        } else {
+            0.0
+        };
     }
 
     fn learn(&mut self, frame: &Features, measured: Millis) {

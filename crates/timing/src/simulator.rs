@@ -4,11 +4,13 @@
 //! (a pipeline that holds one triangle at a time), pixels come in tiles, hidden pixels are turned away early, caches are cold at each
 //! change of object and warm for an object timed alone, and a system of two moods adds its time.
 
+mod hold;
 mod scene;
 
 #[cfg(test)]
 mod tests;
 
+pub use hold::{Held, HoldOptions, hold};
 pub use scene::{SimLevel, SimObject, SimScene};
 
 use crate::pixels::PixelArea;
