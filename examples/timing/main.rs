@@ -112,8 +112,11 @@ fn predict(frames: usize) -> Result<Vec<Predicted>, Box<dyn Error>> {
 /// Time that a frame may take.
 const TARGET: Millis = Millis(10.0);
 
+/// A line of a plot: its name, and the frames' times.
+type Line = (&'static str, Vec<Millis>);
+
 /// The same path over the simulated forest with more and more means.
-fn hold_a_rate(frames: usize) -> Result<Vec<(&'static str, Vec<Millis>)>, Box<dyn Error>> {
+fn hold_a_rate(frames: usize) -> Result<Vec<Line>, Box<dyn Error>> {
     let scene = SimScene::forest(1);
     let means = [
         ("all at its finest", false, false),
