@@ -26,7 +26,12 @@ impl Object {
             let pick = |bit: usize, s: f64| if i & bit == 0 { 0.0 } else { s as f32 };
             Vec3::new(pick(1, size.x), pick(2, size.y), pick(4, size.z))
         };
-        Self { origin: min, positions: (0..8).map(corner).collect(), triangles: &CUBOID, nominal_triangles }
+        Self {
+            origin: min,
+            positions: (0..8).map(corner).collect(),
+            triangles: &DAabb::TRIANGLES,
+            nominal_triangles,
+        }
     }
 
     /// An octahedron: fills a sixth of its box.
@@ -37,21 +42,6 @@ impl Object {
         Self { origin: center, positions, triangles: &OCTAHEDRON, nominal_triangles }
     }
 }
-
-const CUBOID: [[u32; 3]; 12] = [
-    [0, 4, 6],
-    [0, 6, 2],
-    [1, 3, 7],
-    [1, 7, 5],
-    [0, 1, 5],
-    [0, 5, 4],
-    [2, 6, 7],
-    [2, 7, 3],
-    [0, 2, 3],
-    [0, 3, 1],
-    [4, 5, 7],
-    [4, 7, 6],
-];
 
 const OCTAHEDRON: [[u32; 3]; 8] =
     [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];

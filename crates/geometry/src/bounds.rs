@@ -145,6 +145,22 @@ impl Aabb {
 }
 
 impl DAabb {
+    /// Triangles of a box over its [`corners`](Self::corners), counter-clockwise from outside.
+    pub const TRIANGLES: [[u32; 3]; 12] = [
+        [0, 4, 6],
+        [0, 6, 2],
+        [1, 3, 7],
+        [1, 7, 5],
+        [0, 1, 5],
+        [0, 5, 4],
+        [2, 6, 7],
+        [2, 7, 3],
+        [0, 2, 3],
+        [0, 3, 1],
+        [4, 5, 7],
+        [4, 7, 6],
+    ];
+
     /// The smallest `f32` box that contains this one after subtracting `origin`.
     pub fn to_local(self, origin: DVec3) -> Aabb {
         if self.is_empty() {

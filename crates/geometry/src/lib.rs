@@ -23,7 +23,7 @@
 //! | [`mesh`], [`scene`] | what is there |
 //! | [`bounds`], [`frustum`] | where it is, whether it can be seen |
 //! | [`camera`] | how large it appears, how much a world error shows |
-//! | [`convex`] | which part of space matters |
+//! | [`convex`], [`clip`] | which part of space matters, of a triangle on the screen |
 //! | [`ray`] | what a ray meets |
 //! | [`distance`] | how far surfaces are apart |
 //! | [`bvh`] | which objects are where |
@@ -35,6 +35,7 @@ pub mod accuracy;
 pub mod bounds;
 pub mod bvh;
 pub mod camera;
+pub mod clip;
 pub mod convex;
 pub mod distance;
 pub mod frustum;

@@ -71,7 +71,7 @@ impl OcclusionQueries {
         };
         let state = State { cull: Cull::Back, depth_test: DepthTest::NearerOrEqual, ..State::default() };
         let clip_from_local = clip_from_relative * DMat4::from_translation(center - origin);
-        let draw = Draw { positions: &positions, triangles: &BOX, clip_from_local, state };
+        let draw = Draw { positions: &positions, triangles: &DAabb::TRIANGLES, clip_from_local, state };
         self.issue(rasteriser, target, &draw)
     }
 
@@ -108,19 +108,3 @@ impl OcclusionQueries {
         Some((answer, stall))
     }
 }
-
-/// Triangles of a box, counter-clockwise from outside; corners as [`DAabb::corners`].
-pub(crate) const BOX: [[u32; 3]; 12] = [
-    [0, 4, 6],
-    [0, 6, 2],
-    [1, 3, 7],
-    [1, 7, 5],
-    [0, 1, 5],
-    [0, 5, 4],
-    [2, 6, 7],
-    [2, 7, 3],
-    [0, 2, 3],
-    [0, 3, 1],
-    [4, 5, 7],
-    [4, 7, 6],
-];

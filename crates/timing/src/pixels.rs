@@ -1,5 +1,6 @@
 //! How many pixels an object covers: exactly, and by its bounding sphere.
 
+use farsight_geometry::clip::ClipPolygon;
 use farsight_geometry::{Camera, ClipConvention, Projection, Sphere, TriangleMesh};
 use glam::{DAffine3, DMat4, DVec2, DVec3, DVec4};
 
@@ -70,8 +71,7 @@ impl<'a> PixelArea<'a> {
         {
             return 0.0;
         }
-        let mut polygon = Polygon { corners: [DVec4::ZERO; MAX_CORNERS], count: 3 };
-        polygon.corners[..3].copy_from_slice(&corners);
+        let mut polygon = ClipPolygon::<MAX_CORNERS>::new(corners);
         let inside = |p: &DVec4| p.x.abs() <= p.w && p.y.abs() <= p.w && p.z >= 0.0 && p.z <= p.w;
         if !corners.iter().all(inside) {
             // Near first: beyond it every w is positive.
@@ -82,7 +82,7 @@ impl<'a> PixelArea<'a> {
             polygon.cut(|p| p.w - p.y);
             polygon.cut(|p| p.w + p.y);
         }
-        let area = polygon.area(self.image);
+        let area = area(polygon.corners(), self.image);
         match self.sides {
             Sides::Both => area.abs(),
             Sides::Front => (area * self.front).max(0.0),
@@ -107,51 +107,19 @@ impl Iterator for PixelArea<'_> {
 /// Each of six planes adds at most one corner.
 const MAX_CORNERS: usize = 9;
 
-/// A convex polygon in clip space.
-struct Polygon {
-    corners: [DVec4; MAX_CORNERS],
-    count: usize,
-}
-
-impl Polygon {
-    /// Keeps the part where `inside` is not negative.
-    fn cut(&mut self, inside: impl Fn(DVec4) -> f64) {
-        let (old, count) = (self.corners, self.count);
-        self.count = 0;
-        for i in 0..count {
-            let (a, b) = (old[i], old[(i + 1) % count]);
-            let (da, db) = (inside(a), inside(b));
-            if da >= 0.0 {
-                self.push(a);
-            }
-            if (da >= 0.0) != (db >= 0.0) {
-                self.push(a + (b - a) * (da / (da - db)));
-            }
-        }
+/// Signed area of a polygon in pixels, positive when counter-clockwise with y up.
+fn area(corners: &[DVec4], image: DVec2) -> f64 {
+    if corners.len() < 3 {
+        return 0.0;
     }
-
-    fn push(&mut self, p: DVec4) {
-        // Rounding may let a sliver cross a plane more often than a convex polygon can; what is lost has no area.
-        if self.count < MAX_CORNERS {
-            self.corners[self.count] = p;
-            self.count += 1;
-        }
-    }
-
-    /// Signed area in pixels, positive when counter-clockwise with y up.
-    fn area(&self, image: DVec2) -> f64 {
-        if self.count < 3 {
-            return 0.0;
-        }
-        // Corners that rounding left a little outside, or with w = 0, must not blow the area up.
-        let px = |p: DVec4| {
-            let ndc = DVec2::new(p.x, p.y) / p.w;
-            if ndc.is_finite() { 0.5 * ndc.clamp(DVec2::NEG_ONE, DVec2::ONE) * image } else { DVec2::ZERO }
-        };
-        let first = px(self.corners[0]);
-        let fan = self.corners[1..self.count].windows(2);
-        0.5 * fan.map(|pair| (px(pair[0]) - first).perp_dot(px(pair[1]) - first)).sum::<f64>()
-    }
+    // Corners that rounding left a little outside, or with w = 0, must not blow the area up.
+    let px = |p: DVec4| {
+        let ndc = DVec2::new(p.x, p.y) / p.w;
+        if ndc.is_finite() { 0.5 * ndc.clamp(DVec2::NEG_ONE, DVec2::ONE) * image } else { DVec2::ZERO }
+    };
+    let first = px(corners[0]);
+    let fan = corners[1..].windows(2);
+    0.5 * fan.map(|pair| (px(pair[0]) - first).perp_dot(px(pair[1]) - first)).sum::<f64>()
 }
 
 /// Pixels of a bounding sphere's image within the screen: an estimate of the pixels of what it bounds, up to a factor of the object's.

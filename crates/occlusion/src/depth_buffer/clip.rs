@@ -2,6 +2,7 @@
 
 use super::vertex::{GUARD, Vertex, to_clip};
 use super::{Coverage, DepthBuffer, Faces};
+use farsight_geometry::clip::ClipPolygon;
 use farsight_geometry::rounding::f32_down;
 use glam::{DMat4, DVec2, DVec3, DVec4, Vec3};
 
@@ -11,36 +12,6 @@ const INSET: f64 = 1.0 / 64.0;
 
 /// Most corners after clipping: five planes add one each.
 const MOST: usize = 8;
-
-#[derive(Clone, Copy)]
-struct Polygon {
-    corners: [DVec4; MOST],
-    count: usize,
-}
-
-impl Polygon {
-    fn cut(&mut self, inside: impl Fn(DVec4) -> f64) {
-        let (old, count) = (self.corners, self.count);
-        self.count = 0;
-        for i in 0..count {
-            let (a, b) = (old[i], old[(i + 1) % count]);
-            let (da, db) = (inside(a), inside(b));
-            if da >= 0.0 {
-                self.push(a);
-            }
-            if (da >= 0.0) != (db >= 0.0) {
-                self.push(a + (b - a) * (da / (da - db)));
-            }
-        }
-    }
-
-    fn push(&mut self, p: DVec4) {
-        if self.count < MOST {
-            self.corners[self.count] = p;
-            self.count += 1;
-        }
-    }
-}
 
 /// Clips a triangle, moves its edges inwards and hands on the pieces.
 #[inline(always)]
@@ -70,8 +41,7 @@ fn inset_polygon(
     if !clip.iter().all(|p| p.is_finite()) {
         return None;
     }
-    let mut polygon = Polygon { corners: [DVec4::ZERO; MOST], count: 3 };
-    polygon.corners[..3].copy_from_slice(&clip);
+    let mut polygon = ClipPolygon::<MOST>::new(clip);
     // A little inside the planes, so that rounding leaves no corner beyond them. The guard is narrower than that of unclipped
     // corners for the same reason.
     let guard = (2.0 * (GUARD - 2.0) / size) - 1.0;
@@ -82,7 +52,8 @@ fn inset_polygon(
     polygon.cut(|p| p.x + p.w * (1.0 + 2.0 * (GUARD - 2.0) / size.x));
     polygon.cut(|p| p.w * (1.0 + 2.0 * (GUARD - 2.0) / size.y) - p.y);
     polygon.cut(|p| p.y + guard.y * p.w);
-    let (n, corners) = (polygon.count, &polygon.corners);
+    let corners = polygon.corners();
+    let n = corners.len();
     if n < 3 {
         return None;
     }
