@@ -15,11 +15,12 @@ const COLOURS: [RGBColor; 6] = [
 /// Errors at and below this are drawn here, so that an exact answer has a place on a logarithmic axis.
 const FLOOR: f64 = 1e-9;
 
-/// Writes the plot as SVG.
+/// Writes the plot as SVG: the rows in the unit of the first one. Errors of other units stand in the table only.
 pub fn pareto(path: &Path, caption: &str, rows: &[Row]) -> Result<(), Box<dyn std::error::Error>> {
+    let rows: Vec<&Row> = rows.iter().filter(|r| r.claimed.unit == rows[0].claimed.unit).collect();
     let point = |r: &Row| (r.times_ns().0 as f64 * 1e-6, r.measured.max(FLOOR));
     let claim = |r: &Row| (r.times_ns().0 as f64 * 1e-6, r.claimed.value.max(FLOOR));
-    let all = || rows.iter().flat_map(|r| [point(r), claim(r)]).filter(|p| p.1.is_finite());
+    let all = || rows.iter().flat_map(|&r| [point(r), claim(r)]).filter(|p| p.1.is_finite());
     let range = |pick: fn((f64, f64)) -> f64| {
         let (lo, hi) =
             all().map(pick).fold((f64::MAX, f64::MIN_POSITIVE), |(lo, hi), v| (lo.min(v), hi.max(v)));
@@ -43,13 +44,13 @@ pub fn pareto(path: &Path, caption: &str, rows: &[Row]) -> Result<(), Box<dyn st
         .draw()?;
     for (i, line) in rows.chunk_by(|a, b| a.scene == b.scene && a.knob == b.knob).enumerate() {
         let colour = COLOURS[i % COLOURS.len()];
-        let measured: Vec<(f64, f64)> = line.iter().map(point).collect();
+        let measured: Vec<(f64, f64)> = line.iter().copied().map(point).collect();
         chart
             .draw_series(LineSeries::new(measured.clone(), colour.stroke_width(2)))?
             .label(format!("{}: {}", line[0].scene, line[0].knob))
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
         chart.draw_series(measured.iter().map(|&p| Circle::new(p, 3, colour.filled())))?;
-        let claims = line.iter().map(claim).filter(|p| p.1.is_finite());
+        let claims = line.iter().copied().map(claim).filter(|p| p.1.is_finite());
         chart.draw_series(claims.map(|p| Cross::new(p, 4, colour.stroke_width(1))))?;
     }
     chart

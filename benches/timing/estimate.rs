@@ -108,22 +108,25 @@ pub fn columns(
     columns
 }
 
+/// Every object's times by apparent size and direction.
+pub fn object_samples(backend: &mut impl Backend, options: SampleOptions) -> Vec<ObjectSamples> {
+    let (lens, objects) = (backend.camera(0, 0.0), backend.objects());
+    let measure = |i| {
+        let sphere = backend.sphere(i);
+        let s = ObjectSamples::measure(sphere, &lens, options, |camera| backend.time_alone(i, camera));
+        s.expect("clocks do not run backwards")
+    };
+    (0..objects).map(measure).collect()
+}
+
 fn by_look_up(
     backend: &mut impl Backend,
     path: &[Seen],
     options: SampleOptions,
     constant: Millis,
 ) -> Vec<Millis> {
-    let lens = backend.camera(0, 0.0);
-    let mut pruned = 0;
-    let samples: Vec<ObjectSamples> = (0..backend.objects())
-        .map(|i| {
-            let sphere = backend.sphere(i);
-            let s = ObjectSamples::measure(sphere, &lens, options, |camera| backend.time_alone(i, camera));
-            s.expect("clocks do not run backwards")
-        })
-        .inspect(|s| pruned += s.pruned())
-        .collect();
+    let samples = object_samples(backend, options);
+    let pruned: usize = samples.iter().map(ObjectSamples::pruned).sum();
     let measured: usize = samples.iter().map(ObjectSamples::measured).sum();
     println!("  pos: {measured} measurements, {pruned} pruned");
     path.iter()

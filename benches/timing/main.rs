@@ -1,8 +1,9 @@
 //! How well rendering times are estimated, and what that costs. Every figure is printed beside the floor it is held to.
 //!
-//! `cargo bench --bench timing` runs everything; `-- --quick` shorter paths.
+//! `cargo bench --bench timing` runs everything; `-- --quick` shorter paths; `-- --cost` only what the calls cost.
 
 mod backend;
+mod cells;
 mod cost;
 mod estimate;
 
@@ -12,7 +13,12 @@ use farsight_timing::simulator::{HoldOptions, Law, SimScene, Simulator, hold};
 use farsight_timing::{Heuristic, Millis, SampleOptions};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let quick = std::env::args().any(|a| a == "--quick");
+    let asked = |flag: &str| std::env::args().any(|a| a == flag);
+    if asked("--cost") {
+        cost::report();
+        return Ok(());
+    }
+    let quick = asked("--quick");
     let length = if quick { 200 } else { 600 };
     for scene in [SimScene::city(1), SimScene::forest(1)] {
         experiment(Simulated::new(scene, 7), length, 3000, SampleOptions::default());
@@ -23,6 +29,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     experiment(Raster::forest()?, length, 1000, sparse);
     for scene in [SimScene::city(1), SimScene::forest(1)] {
         stationary(Simulated::new(scene, 11), if quick { 2000 } else { 6000 });
+    }
+    for scene in [SimScene::city(1), SimScene::forest(1)] {
+        cells::report(&mut Simulated::new(scene, 5), if quick { 2 } else { 6 });
     }
     soft_real_time(if quick { 300 } else { 3000 })?;
     cost::report();
