@@ -1,6 +1,6 @@
 //! What shadow maps cost and how well they keep to their figures: each beside what was asked for.
 //!
-//! Run with `cargo bench --bench shadow` (`-- --quick` for a tenth of the hard configurations). Times are the least of many runs in thread
+//! Run with `cargo bench --bench shadow` (`-- --quick` for a tenth of the hard configurations, `-- --cost` for the times alone). Times are the least of many runs in thread
 //! CPU time.
 
 #[path = "../crates/shadow/tests/corpus/mod.rs"]
@@ -16,8 +16,12 @@ use std::hint::black_box;
 use std::time::Duration;
 
 fn main() {
-    let quick = std::env::args().any(|a| a == "--quick");
+    let asked = |flag: &str| std::env::args().any(|a| a == flag);
     println!("{:<62} {:>14} {:>12}", "figure", "reached", "asked");
+    if asked("--cost") {
+        return costs();
+    }
+    let quick = asked("--quick");
     chapter();
     slabs();
     costs();

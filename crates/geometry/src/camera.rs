@@ -26,6 +26,16 @@ pub enum Projection {
     },
 }
 
+impl Projection {
+    /// Half the image's height: a tangent for a perspective, world units for a parallel projection.
+    fn half_height(&self) -> f64 {
+        match *self {
+            Self::Perspective { fov_y } => (0.5 * fov_y).tan(),
+            Self::Orthographic { height } => 0.5 * height,
+        }
+    }
+}
+
 /// The range of depth in clip space after division by w.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DepthRange {
@@ -146,6 +156,8 @@ pub struct Camera {
     eye: DVec3,
     world_from_view: DQuat,
     projection: Projection,
+    /// See [`Projection::half_height`]; kept, as everything that is done with a camera asks for it.
+    half_height: f64,
     near: f64,
     far: f64,
     width: u32,
@@ -185,10 +197,12 @@ impl Camera {
         if !(world_from_view.is_finite() && (world_from_view.length() - 1.0).abs() < 1e-5) {
             return Err(CameraError::Orientation);
         }
+        let projection = Projection::Perspective { fov_y: std::f64::consts::FRAC_PI_3 };
         Ok(Self {
             eye,
             world_from_view: world_from_view.normalize(),
-            projection: Projection::Perspective { fov_y: std::f64::consts::FRAC_PI_3 },
+            projection,
+            half_height: projection.half_height(),
             near: 0.1,
             far: f64::INFINITY,
             width: 1280,
@@ -213,7 +227,7 @@ impl Camera {
             Projection::Orthographic { .. } if self.far.is_infinite() => 1e6 * self.near.abs().max(1.0),
             _ => self.far,
         };
-        Self { projection, ..self }.with_range(self.near, far)
+        Self { projection, half_height: projection.half_height(), ..self }.with_range(self.near, far)
     }
 
     /// The camera with other near and far distances; `far` may be infinite for a perspective.
@@ -291,16 +305,13 @@ impl Camera {
 
     /// Half-width and half-height of the image: tangents for a perspective, world units for a parallel projection.
     pub fn half_extent(&self) -> DVec2 {
-        let half = match self.projection {
-            Projection::Perspective { fov_y } => (0.5 * fov_y).tan(),
-            Projection::Orthographic { height } => 0.5 * height,
-        };
+        let half = self.half_height;
         DVec2::new(half * f64::from(self.width) / f64::from(self.height), half)
     }
 
     /// Pixels per unit of tangent (perspective) or per world unit (parallel).
     pub fn pixels_per_unit(&self) -> f64 {
-        0.5 * f64::from(self.height) / self.half_extent().y
+        0.5 * f64::from(self.height) / self.half_height
     }
 
     /// A world point in view space.

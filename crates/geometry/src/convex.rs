@@ -361,9 +361,15 @@ impl ConvexBody {
             self.clear();
             return;
         }
-        for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
-            self.clip(&Plane::through(b.min, axis));
-            self.clip(&Plane::through(b.max, -axis));
+        // Most sides of a scene's boxes lie far outside of a view; its bounds tell without asking every vertex again.
+        let own = self.bounds();
+        for (i, axis) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().enumerate() {
+            if own.min[i] < b.min[i] {
+                self.clip(&Plane::through(b.min, axis));
+            }
+            if own.max[i] > b.max[i] {
+                self.clip(&Plane::through(b.max, -axis));
+            }
         }
     }
 

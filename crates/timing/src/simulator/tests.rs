@@ -39,13 +39,11 @@ fn calibrated(scene: &SimScene, card: &mut Simulator, heuristic: Heuristic) -> M
     calibrate(heuristic, &samples, false, Collinear::Accept).unwrap().model
 }
 
-fn sorted_errors(scene: &SimScene, heuristic: Heuristic, frames: u32) -> (Vec<f64>, f64) {
-    let mut card = Simulator::new(Law::default(), 5);
-    let model = calibrated(scene, &mut card, heuristic);
-    let mut refit = Refit::new(model, Millis(0.6), RefitOptions::default()).unwrap();
+/// Sorted relative errors and the mean squared error over a path of frames, predicted before each is seen.
+fn refit_errors(start: Model, path: &[Seen]) -> (Vec<f64>, f64) {
+    let mut refit = Refit::new(start, Millis(0.6), RefitOptions::default()).unwrap();
     let (mut errors, mut squared) = (Vec::new(), 0.0);
-    for i in 0..frames {
-        let frame = see(scene, &mut card, 0, f64::from(i) / f64::from(frames));
+    for (i, frame) in path.iter().enumerate() {
         let predicted = refit.predict(&frame.sum);
         refit.observe(&frame.sum, frame.time).unwrap();
         if i >= 60 {
@@ -58,22 +56,27 @@ fn sorted_errors(scene: &SimScene, heuristic: Heuristic, frames: u32) -> (Vec<f6
     (errors, squared)
 }
 
+/// The sum form refitted on `scene`'s path is within its floors; its squared error as a share of that of triangles alone.
+fn refitted_sum_over_triangles(scene: &SimScene) -> f64 {
+    let mut card = Simulator::new(Law::default(), 5);
+    let start = |card: &mut Simulator, h| calibrated(scene, card, h);
+    let (sum, triangles) = (start(&mut card, Heuristic::Sum), start(&mut card, Heuristic::Triangles));
+    let path: Vec<Seen> = (0..600).map(|i| see(scene, &mut card, 0, f64::from(i) / 600.0)).collect();
+    let (errors, h4) = refit_errors(sum, &path);
+    let at = |q: f64| errors[(errors.len() as f64 * q) as usize];
+    let within = errors.iter().filter(|&&e| e <= 0.1).count() as f64 / errors.len() as f64;
+    assert!(at(0.5) <= 0.03 && at(0.95) <= 0.1 && within >= 0.95, "{}: {} {}", scene.name, at(0.5), at(0.95));
+    h4 / refit_errors(triangles, &path).1
+}
+
 #[test]
-fn refitted_on_frames_the_sum_form_is_within_ten_percent() {
-    for scene in [SimScene::city(1), SimScene::forest(1)] {
-        let (errors, h4) = sorted_errors(&scene, Heuristic::Sum, 600);
-        let at = |q: f64| errors[(errors.len() as f64 * q) as usize];
-        let within = errors.iter().filter(|&&e| e <= 0.1).count() as f64 / errors.len() as f64;
-        assert!(
-            at(0.5) <= 0.03 && at(0.95) <= 0.1 && within >= 0.95,
-            "{}: {} {}",
-            scene.name,
-            at(0.5),
-            at(0.95)
-        );
-        let (_, h1) = sorted_errors(&scene, Heuristic::Triangles, 600);
-        assert!(h4 < h1 && (scene.name != "city" || h4 <= 0.25 * h1), "{}: {h4} {h1}", scene.name);
-    }
+fn refitted_on_city_frames_the_sum_form_is_within_ten_percent() {
+    assert!(refitted_sum_over_triangles(&SimScene::city(1)) <= 0.25);
+}
+
+#[test]
+fn refitted_on_forest_frames_the_sum_form_is_within_ten_percent() {
+    assert!(refitted_sum_over_triangles(&SimScene::forest(1)) < 1.0);
 }
 
 #[test]
@@ -151,23 +154,27 @@ fn a_step_to_twice_the_cost_is_followed_and_a_hitch_is_not() {
     }
 }
 
+/// With the clock asked no frame of a path is late, at hardly any loss; without a plan many are.
+fn branch_holds(scene: &SimScene, target: f64) {
+    let run = |branch, solver| {
+        let target = Millis(target);
+        let options = HoldOptions { branch, solver, target, frames: 300, ..HoldOptions::default() };
+        hold(scene, &mut Simulator::new(Law::default(), 4), &options).unwrap()
+    };
+    let (with, without, blind) = (run(true, true), run(false, true), run(false, false));
+    assert_eq!(with.over, 0, "{}", scene.name);
+    assert!(blind.over > 20 * without.over.max(1), "{}: {} {}", scene.name, blind.over, without.over);
+    assert!(with.benefit > 0.95 * without.benefit, "{}", scene.name);
+}
+
 #[test]
-fn with_the_branch_hardly_a_frame_is_late_and_without_some_are() {
-    for (scene, target) in [(SimScene::city(1), 12.0), (SimScene::forest(1), 10.0)] {
-        let run = |branch, solver| {
-            let target = Millis(target);
-            let options = HoldOptions { branch, solver, target, frames: 1000, ..HoldOptions::default() };
-            hold(&scene, &mut Simulator::new(Law::default(), 4), &options).unwrap()
-        };
-        let (with, without, blind) = (run(true, true), run(false, true), run(false, false));
-        println!(
-            "{}: {} {} {} late, {} {} {}",
-            scene.name, with.over, without.over, blind.over, with.benefit, without.benefit, with.changed
-        );
-        assert!(with.over * 1000 <= with.times.len(), "{}: {}", scene.name, with.over);
-        assert!(blind.over > 20 * without.over.max(1), "{}", scene.name);
-        assert!(with.over <= without.over && with.benefit > 0.95 * without.benefit, "{}", scene.name);
-    }
+fn with_the_branch_no_city_frame_is_late() {
+    branch_holds(&SimScene::city(1), 12.0);
+}
+
+#[test]
+fn with_the_branch_no_forest_frame_is_late() {
+    branch_holds(&SimScene::forest(1), 10.0);
 }
 
 #[test]
