@@ -1,5 +1,7 @@
 //! Shadow maps: warp, side and cascades against where edges lie; soft shadows: methods against a densely sampled light.
 
+#[path = "../../examples/shadow/logarithmic.rs"]
+mod logarithmic;
 #[path = "../../examples/shadow/offset.rs"]
 mod offset;
 #[path = "../../examples/shadow/posts.rs"]
@@ -15,6 +17,7 @@ use farsight_geometry::scene::{Light, Scene};
 use farsight_geometry::{Camera, DAabb};
 use farsight_raster::{Rasteriser, ShadowMap, ShadowOptions};
 use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Warp, log_splits};
+use logarithmic::Logarithmic;
 use soft::Soft;
 
 /// Height of the sun, in degrees.
@@ -38,6 +41,7 @@ pub fn rows(quick: bool) -> Vec<Row> {
             sides.map(|side| row(&settings, format!("map side, {name}"), side.into(), side, 1, warp, runs)),
         );
     }
+    rows.extend(sides.map(|side| logarithmic_row(&settings, side, runs)));
     for (name, warp) in [("uniform", Warp::Uniform), ("minimax", Warp::Minimax)] {
         let splits = [1, 2, 4];
         rows.extend(
@@ -124,19 +128,55 @@ fn row(
         texel = maps.iter().map(|m| m.1.texel.value).fold(texel, f64::max);
         measured += setting.offset(&maps) / settings.len() as f64;
     }
-    // On the ground, texels are stretched by the sun's height.
-    let stretch = 1.0 / ELEVATION.to_radians().sin();
     Row {
         krate: "shadow",
         scene: settings[0].name.clone(),
         knob,
         value,
-        claimed: ErrorBound::estimated(texel * stretch, Unit::Pixels).with_norm(Norm::Mean),
+        claimed: ErrorBound::estimated(texel * stretch(), Unit::Pixels).with_norm(Norm::Mean),
         measured,
         times,
         bytes: 4 * texels,
         counters,
     }
+}
+
+/// As [`row`], for the map that no matrix can give.
+fn logarithmic_row(settings: &[Setting], side: u32, runs: usize) -> Row {
+    let map = |s: &Setting| {
+        let mut focus = Focus::new();
+        let scope = Scope::new(&s.camera, s.camera.far(), &s.boxes, &s.boxes, side);
+        let skip = focus.fit(&ShadowLight::directional(s.direction), &scope).expect("the scene is valid");
+        assert_eq!(skip, None, "posts throw shadows");
+        Logarithmic::new(&s.scene, &s.camera, &focus, side).expect("the size is allowed")
+    };
+    let (first, times) = timed(runs, || map(&settings[0]));
+    let mut counters = Counters::new();
+    counters.add("maps", 1);
+    counters.add("texels", u64::from(side).pow(2));
+    counters.add("triangles", first.triangles as u64);
+    let (mut texel, mut measured) = (0.0f64, 0.0);
+    for setting in settings {
+        let map = map(setting);
+        texel = texel.max(map.texel_px);
+        measured += offset::compare(&setting.truth, |seen| map.lit(seen)).0.mean_px / settings.len() as f64;
+    }
+    Row {
+        krate: "shadow",
+        scene: settings[0].name.clone(),
+        knob: "map side, logarithmic".into(),
+        value: side.into(),
+        claimed: ErrorBound::estimated(texel * stretch(), Unit::Pixels).with_norm(Norm::Mean),
+        measured,
+        times,
+        bytes: 4 * u64::from(side).pow(2),
+        counters,
+    }
+}
+
+/// On the ground, texels are stretched by the sun's height.
+fn stretch() -> f64 {
+    1.0 / ELEVATION.to_radians().sin()
 }
 
 /// Soft shadows of a disk light: rays, silhouettes, one blur, none.

@@ -7,10 +7,11 @@
 //! ```
 //!
 //! You should see a table of edge offsets in pixels, and in `out/shadow` three figures: `comparison.png` (rows: rays, uniform, LiSPSM, PSM,
-//! minimax; columns: near, medium, far; false shadow in dark red, missing shadow in light red), `curves.svg` (dp/ds along the view) and `soft.png`
+//! minimax, logarithmic; columns: near, medium, far; false shadow in dark red, missing shadow in light red), `curves.svg` (dp/ds along the view) and `soft.png`
 //! (sampled light; silhouettes and what they get wrong, four times enlarged; a hard shadow blurred by one width, and likewise).
 
 mod figure;
+mod logarithmic;
 mod offset;
 mod posts;
 mod soft;
@@ -22,6 +23,7 @@ use farsight_geometry::scene::{Light, Scene};
 use farsight_geometry::{Camera, io};
 use farsight_raster::{Image, Rasteriser, ShadowMap, ShadowOptions};
 use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Warp};
+use logarithmic::Logarithmic;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -95,19 +97,18 @@ fn loaded(path: &Path, width: u32, height: u32) -> Result<(Scene, Camera), Box<d
     Ok((scene, camera.with_range(far * 5e-4, far)?.with_image(width, height)?))
 }
 
-fn draw(scene: &Scene, camera: &Camera, side: u32, warp: Warp) -> Result<Option<Drawn>, Box<dyn Error>> {
-    let Some(&Light::Directional { direction, .. }) = scene.lights().first() else { return Ok(None) };
-    let boxes = scene.instance_bounds();
-    let mut focus = Focus::new();
-    let scope = Scope::new(camera, camera.far(), &boxes, &boxes, side);
-    if focus.fit(&ShadowLight::directional(direction), &scope)?.is_some() {
-        return Ok(None);
-    }
+fn draw(
+    scene: &Scene,
+    focus: &Focus,
+    direction: DVec3,
+    side: u32,
+    warp: Warp,
+) -> Result<Drawn, Box<dyn Error>> {
     let view = focus.map(&MapOptions::new(side).with_warp(warp), None);
     let mut map =
         ShadowMap::new(side, view.clip_from_relative, view.origin, -direction, ShadowOptions::default())?;
     map.draw_scene(&mut Rasteriser::new(), scene);
-    Ok(Some(Drawn { view, map }))
+    Ok(Drawn { view, map })
 }
 
 fn compare(scene: &Scene, camera: &Camera, options: &Options) -> Result<(), Box<dyn Error>> {
@@ -119,6 +120,19 @@ fn compare(scene: &Scene, camera: &Camera, options: &Options) -> Result<(), Box<
     let by_rays: Vec<Option<bool>> = truth.pixels.iter().map(|p| p.map(|(_, lit)| lit)).collect();
     let mut rows = vec![figure::Row { lit: by_rays.clone() }];
     println!("{} texels: edges off by, px       all    near  medium     far   worst texel, px", options.side);
+    let boxes = scene.instance_bounds();
+    let mut focus = Focus::new();
+    let scope = Scope::new(camera, camera.far(), &boxes, &boxes, options.side);
+    if let Some(skip) = focus.fit(&ShadowLight::directional(direction), &scope)? {
+        println!("no shadow map is needed: {skip:?}");
+        return Ok(());
+    }
+    let mut add = |name: &str, lit: &dyn Fn(&offset::Seen) -> bool, texel_px: f64, kind: &str| {
+        let (o, lit) = offset::compare(&truth, lit);
+        let [near, medium, far] = o.bands_px;
+        println!("{name:28} {:7.2} {near:7.2} {medium:7.2} {far:7.2}   {texel_px:7.2} ({kind})", o.mean_px);
+        rows.push(figure::Row { lit });
+    };
     let warps = [
         ("uniform", Warp::Uniform),
         ("LiSPSM", Warp::Paper),
@@ -126,19 +140,14 @@ fn compare(scene: &Scene, camera: &Camera, options: &Options) -> Result<(), Box<
         ("minimax", Warp::Minimax),
     ];
     for (name, warp) in warps {
-        let Some(drawn) = draw(scene, camera, options.side, warp)? else {
-            println!("{name}: no shadow map is needed");
-            continue;
-        };
-        let (o, lit) = offset::compare(&truth, |seen| offset::lit(&drawn.map, &drawn.view, seen));
-        let [near, medium, far] = o.bands_px;
+        let drawn = draw(scene, &focus, direction, options.side, warp)?;
         let texel = drawn.view.texel;
-        println!(
-            "{name:28} {:7.2} {near:7.2} {medium:7.2} {far:7.2}   {:7.2} ({})",
-            o.mean_px, texel.value, texel.kind
-        );
-        rows.push(figure::Row { lit });
+        let lit = |seen: &offset::Seen| offset::lit(&drawn.map, &drawn.view, seen);
+        add(name, &lit, texel.value, &texel.kind.to_string());
     }
+    let map = Logarithmic::new(scene, camera, &focus, options.side)?;
+    add("logarithmic", &|seen| map.lit(seen), map.texel_px, "estimated");
+    println!("the logarithmic map was drawn from {} triangles", map.triangles);
     figure::comparison(&truth, &by_rays, &rows)?.write_png(options.out.join("comparison.png"))?;
     Ok(())
 }
