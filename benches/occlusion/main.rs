@@ -3,6 +3,7 @@
 //! ```text
 //! cargo bench --bench occlusion                the table
 //! cargo bench --bench occlusion -- --quick     shorter walks, smaller counts
+//! cargo bench --bench occlusion -- --buffer    only the depth buffer's speed; --traversal: only that of the traversal
 //! cargo bench --bench occlusion -- --check     exits non-zero when a floor is missed
 //! ```
 //!
@@ -29,6 +30,9 @@ fn main() {
     let mut table = Table::default();
     if has("--buffer") {
         return buffer::speeds(&mut table, quick);
+    }
+    if has("--traversal") {
+        return traversal_speed(&mut table);
     }
     buffer::speeds(&mut table, quick);
     walks(&mut table, frames);

@@ -92,6 +92,7 @@ struct Node {
 }
 
 impl Node {
+    #[inline]
     fn is_leaf(&self) -> bool {
         self.links[0] == NONE
     }
@@ -124,11 +125,13 @@ pub struct Bvh {
 
 impl Bvh {
     /// The top node; `None` when no object has a box.
+    #[inline]
     pub fn root(&self) -> Option<NodeId> {
         self.root.map(NodeId)
     }
 
     /// How often node ids have been handed out anew, by [`rebuild`](Self::rebuild) or because an insertion made the tree too deep.
+    #[inline]
     pub fn generation(&self) -> u64 {
         self.generation
     }
@@ -147,11 +150,13 @@ impl Bvh {
     ///
     /// # Panics
     /// When there is no such node; so do all methods that take one.
+    #[inline]
     pub fn bounds(&self, node: NodeId) -> &DAabb {
         &self.nodes[node.0 as usize].bounds
     }
 
     /// The two children; `None` for a leaf.
+    #[inline]
     pub fn children(&self, node: NodeId) -> Option<[NodeId; 2]> {
         let node = &self.nodes[node.0 as usize];
         (!node.is_leaf()).then(|| node.links.map(NodeId))
@@ -163,6 +168,7 @@ impl Bvh {
     }
 
     /// The object of a leaf; `None` for an inner node.
+    #[inline]
     pub fn object(&self, node: NodeId) -> Option<u32> {
         let node = &self.nodes[node.0 as usize];
         node.is_leaf().then_some(node.links[1])

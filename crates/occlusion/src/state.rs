@@ -43,15 +43,16 @@ impl NodeState {
 /// A node to visit, ordered so that the largest is the nearest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Entry {
-    /// Bits of a distance that is not negative, so that they compare like it.
-    pub(crate) key: u32,
-    pub(crate) node: u32,
+    /// Bits of a distance that is not negative, so that they compare like it, above those of the node.
+    pub(crate) place: u64,
     pub(crate) parent: u32,
     /// Issue frame of the newest query that found a box around this node occluded.
     pub(crate) verified: u32,
     /// Planes of the view volume that it may cross.
     pub(crate) crosses: u8,
     pub(crate) unbounded: bool,
+    /// Without children. Told when its box is at hand: later the tree's node would have to come from memory again.
+    pub(crate) is_leaf: bool,
     /// Reached from the root by assumption alone, not by an answer of this frame.
     pub(crate) assumed: bool,
     /// Levels to go down before asking.
@@ -61,20 +62,31 @@ pub(crate) struct Entry {
 impl Entry {
     /// What stands above the root.
     pub(crate) const ROOT: Self = Self {
-        key: 0,
-        node: NONE,
+        place: NONE as u64,
         parent: NONE,
         verified: 0,
         crosses: 0,
         unbounded: false,
+        is_leaf: false,
         assumed: false,
         skip: 0,
     };
 }
 
+impl Entry {
+    /// `place` of a node at a distance.
+    pub(crate) fn place_of(distance: f32, node: u32) -> u64 {
+        u64::from(distance.to_bits()) << 32 | u64::from(node)
+    }
+
+    pub(crate) fn node(&self) -> u32 {
+        self.place as u32
+    }
+}
+
 impl Ord for Entry {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (other.key, other.node).cmp(&(self.key, self.node))
+        other.place.cmp(&self.place)
     }
 }
 

@@ -10,6 +10,8 @@ pub struct View {
     frustum: Frustum,
     /// Where depth begins; coordinates relative to the frustum's anchor. Positive ahead.
     near: Plane,
+    /// Sum of the sizes of the anchor's coordinates.
+    anchor_size: f64,
     order: Order,
     /// Size of a pixel in world units, at distance one (central) or anywhere (parallel).
     pixel: f64,
@@ -94,6 +96,7 @@ impl View {
         Self {
             frustum,
             near: Plane { normal: ahead, offset: -camera.near() },
+            anchor_size: frustum.anchor().abs().element_sum(),
             order,
             pixel: 1.0 / camera.pixels_per_unit(),
             sides: Sides::new(&frustum),
@@ -126,6 +129,7 @@ impl View {
             frustum,
             sides: Sides::new(&frustum),
             near: Plane { normal: plane.truncate() / length, offset: plane.w / length },
+            anchor_size: frustum.anchor().abs().element_sum(),
             order: Order::Plane,
             pixel: 2.0 * w.w / (steepest * f64::from(side_px.max(1))),
         })
@@ -152,12 +156,13 @@ impl View {
         let anchor = self.frustum.anchor();
         let half = 0.5 * extent;
         let center = b.min + half - anchor;
-        let size = b.min.abs().max(b.max.abs()).element_sum() + anchor.abs().element_sum();
+        let size = b.min.abs().max(b.max.abs()).element_sum() + self.anchor_size;
         let crosses = self.sides.crossed(center, half, size, mask)?;
         let least = self.near.distance(center) - self.near.normal.abs().dot(half);
         let reach = center.abs().max_element() + half.max_element() + self.near.offset.abs();
         let key = match self.order {
-            Order::Point(eye) => b.closest_point(eye).distance_squared(eye),
+            // The anchor is the eye.
+            Order::Point(_) => (center.abs() - half).max(DVec3::ZERO).length_squared(),
             Order::Plane => least.max(0.0),
         };
         let unbounded = least <= NEAR_SHARE * reach + 16.0 * f64::EPSILON * size;

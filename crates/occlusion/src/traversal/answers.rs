@@ -159,10 +159,11 @@ impl Culler {
         let Some(view) = self.view else { return };
         let Some(placed) = view.place(&hierarchy.bounds(id), view.all_planes()) else { return };
         let entry = Entry {
-            node,
+            place: Entry::place_of(placed.key, node),
             parent,
             crosses: placed.crosses,
             unbounded: placed.unbounded,
+            is_leaf,
             skip: self.options.skip_levels as u8,
             ..Entry::ROOT
         };

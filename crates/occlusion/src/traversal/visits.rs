@@ -27,12 +27,12 @@ impl Culler {
         let Some(view) = &self.view else { return };
         let Some(placed) = view.place(&hierarchy.bounds(node), above.crosses) else { return };
         let entry = Entry {
-            key: placed.key.to_bits(),
-            node: node.0,
-            parent: above.node,
+            place: Entry::place_of(placed.key, node.0),
+            parent: above.node(),
             verified,
             crosses: placed.crosses,
             unbounded: placed.unbounded,
+            is_leaf: hierarchy.child(node, 0).is_none(),
             assumed: above.assumed,
             skip: above.skip,
         };
@@ -45,7 +45,7 @@ impl Culler {
     pub(super) fn push_children<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, e: &Entry, verified: u32) {
         let first = self.stack.len();
         let mut index = 0;
-        while let Some(child) = hierarchy.child(NodeId(e.node), index) {
+        while let Some(child) = hierarchy.child(NodeId(e.node()), index) {
             self.push(hierarchy, child, e, verified);
             index += 1;
         }
@@ -70,12 +70,12 @@ impl Culler {
 
     pub(super) fn visit<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, e: Entry) {
         self.stats.visited += 1;
-        let is_leaf = hierarchy.child(NodeId(e.node), 0).is_none();
+        let is_leaf = e.is_leaf;
         match self.options.algorithm {
             Algorithm::Coherent => self.visit_coherent(hierarchy, e, is_leaf),
             algorithm => {
                 let frame = self.frame;
-                let state = self.state(e.node);
+                let state = self.state(e.node());
                 (state.visited, state.parent, state.visible) = (frame, e.parent, false);
                 let asks = match algorithm {
                     Algorithm::FrustumOnly => false,
@@ -83,9 +83,9 @@ impl Culler {
                     _ => true,
                 };
                 if asks && !e.unbounded {
-                    self.issue(hierarchy, &[e.node], true, false);
+                    self.issue(hierarchy, &[e.node()], true, false);
                 } else {
-                    self.pull_up(e.node);
+                    self.pull_up(e.node());
                     self.expand(hierarchy, &e, 0, is_leaf);
                 }
             }
@@ -95,43 +95,43 @@ impl Culler {
     pub(super) fn visit_coherent<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, e: Entry, is_leaf: bool) {
         let (frame, mode) = (self.frame, self.switch.mode());
         let was_visible = self.was_visible(&e);
-        let asks_again = !is_leaf && self.asks_about_opening(e.node, was_visible);
+        let asks_again = !is_leaf && self.asks_about_opening(e.node(), was_visible);
         let bounded = match self.options.policy {
             Policy::Exact => None,
             Policy::Bounded { frames } => Some(frames),
         };
         let below = match bounded {
-            Some(_) if !was_visible && !is_leaf => self.verified_below(hierarchy, e.node),
+            Some(_) if !was_visible && !is_leaf => self.verified_below(hierarchy, e.node()),
             _ => 0,
         };
-        let state = self.state(e.node);
+        let state = self.state(e.node());
         (state.visited, state.parent, state.visible) = (frame, e.parent, false);
         let verified = state.verified.max(e.verified).max(below);
         state.verified = verified;
         let open = state.open_until >= frame;
         if e.unbounded || mode != Mode::Culling {
             state.hidden_streak = 0;
-            self.pull_up(e.node);
+            self.pull_up(e.node());
             self.expand(hierarchy, &e, 0, is_leaf);
-            if is_leaf && mode == Mode::Probing && !e.unbounded && self.is_probed(e.node) {
-                self.ask_about_leaf(hierarchy, e.node);
+            if is_leaf && mode == Mode::Probing && !e.unbounded && self.is_probed(e.node()) {
+                self.ask_about_leaf(hierarchy, e.node());
             }
             return;
         }
         let recently_hidden = bounded.is_some_and(|frames| verified != 0 && frame - verified <= frames);
         if asks_again {
-            self.ask_about_opening(hierarchy, e.node);
+            self.ask_about_opening(hierarchy, e.node());
             self.take_for_visible(hierarchy, &e, false);
         } else if was_visible || (bounded.is_some() && !recently_hidden) {
             if open && !is_leaf {
-                self.pull_up(e.node);
+                self.pull_up(e.node());
             }
             self.take_for_visible(hierarchy, &e, is_leaf);
         } else if e.skip > 0 && !is_leaf {
-            self.ask_about_opening(hierarchy, e.node);
+            self.ask_about_opening(hierarchy, e.node());
             self.expand(hierarchy, &Entry { skip: e.skip - 1, ..e }, verified, false);
         } else {
-            self.take_for_hidden(hierarchy, e.node, bounded.is_some());
+            self.take_for_hidden(hierarchy, e.node(), bounded.is_some());
         }
     }
 
@@ -173,7 +173,7 @@ impl Culler {
 
     pub(super) fn was_visible(&mut self, e: &Entry) -> bool {
         let (frame, unknown, reentry) = (self.frame, self.options.unknown, self.options.reentry);
-        let state = self.state(e.node);
+        let state = self.state(e.node());
         let last_frame = state.visited == frame - 1;
         let remembered = match (state.visited, unknown, reentry) {
             (0, Unknown::Draw, _) => true,
@@ -191,7 +191,7 @@ impl Culler {
         is_leaf: bool,
     ) {
         let (frame, every) = (self.frame, self.options.query_leaves_every);
-        let state = &mut self.nodes[e.node as usize];
+        let state = &mut self.nodes[e.node() as usize];
         state.hidden_streak = 0;
         if !is_leaf {
             let verified = state.verified;
@@ -199,30 +199,30 @@ impl Culler {
             return;
         }
         // Hashed, so that neighbours do not all come at once.
-        let turn = every <= 1 || (hash(e.node).wrapping_add(frame)).is_multiple_of(every);
+        let turn = every <= 1 || (hash(e.node()).wrapping_add(frame)).is_multiple_of(every);
         let slot = state.slot;
         let in_flight = slot != NONE && self.slots.in_use(slot);
         if in_flight && frame - self.slots.get(slot).frame > LOST_AFTER {
             self.slots.release(slot);
-            self.nodes[e.node as usize].slot = NONE;
+            self.nodes[e.node() as usize].slot = NONE;
         }
         if !turn || in_flight {
             self.stats.assumed += 1;
-            self.pull_up(e.node);
+            self.pull_up(e.node());
             self.expand(hierarchy, e, 0, true);
         } else if self.options.query_with_geometry {
             let must_resolve = !self.options.defer && !self.is_bounded();
-            let asked = self.issue(hierarchy, &[e.node], must_resolve, true);
-            let state = &mut self.nodes[e.node as usize];
+            let asked = self.issue(hierarchy, &[e.node()], must_resolve, true);
+            let state = &mut self.nodes[e.node() as usize];
             state.expanded = frame;
             self.deferred.push(asked);
             self.stats.rendered += 1;
-            self.rendered.push(NodeId(e.node));
+            self.rendered.push(NodeId(e.node()));
         } else if self.options.schedule == Schedule::Waves {
             self.expand(hierarchy, e, 0, true);
-            self.leaves.push(e.node);
+            self.leaves.push(e.node());
         } else {
-            self.ask_about_leaf(hierarchy, e.node);
+            self.ask_about_leaf(hierarchy, e.node());
             self.expand(hierarchy, e, 0, true);
         }
     }
@@ -262,15 +262,15 @@ impl Culler {
         is_leaf: bool,
     ) {
         let frame = self.frame;
-        let state = &mut self.nodes[e.node as usize];
+        let state = &mut self.nodes[e.node() as usize];
         if state.expanded == frame {
             return;
         }
         state.expanded = frame;
         if is_leaf {
             self.stats.rendered += 1;
-            self.rendered.push(NodeId(e.node));
-            self.out.push_back(Command::Render(NodeId(e.node)));
+            self.rendered.push(NodeId(e.node()));
+            self.out.push_back(Command::Render(NodeId(e.node())));
         } else {
             self.push_children(hierarchy, e, verified);
         }
