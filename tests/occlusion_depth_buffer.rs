@@ -201,8 +201,10 @@ fn sheet(random: &mut Random, n: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
 fn no_pixel_is_nearer_than_the_truth_and_no_box_is_hidden_falsely() {
     let mut random = Random::new(11);
     let (mut pixels, mut boxes, mut hidden, mut truly, mut known) = (0, 0u64, 0u64, 0u64, 0);
-    for round in 0..168 {
-        let (width, height) = [(348, 210), (333, 217), (64, 48)][round % 3];
+    for round in 0..175 {
+        // One scene of each kind at the size that speeds are given for.
+        let (width, height) =
+            if round < 168 { [(348, 210), (333, 217), (64, 48)][round % 3] } else { (1920, 1080) };
         let camera = camera(&mut random, round / 2, width, height);
         let m = camera.clip_from_relative_f64(ClipConvention::REVERSED, DVec3::ZERO);
         let kind = round % 7;
@@ -242,8 +244,37 @@ fn no_pixel_is_nearer_than_the_truth_and_no_box_is_hidden_falsely() {
         }
     }
     println!("{pixels} pixels, {known} with occluders; {boxes} boxes, {truly} hidden, {hidden} found");
-    assert!(boxes >= 1_000_000 && pixels >= 7_000_000);
+    assert!(boxes >= 1_000_000 && pixels >= 20_000_000);
     assert!(hidden * 4 > truly, "the buffer should be of some use");
+}
+
+#[test]
+fn rounded_coverage_differs_at_few_pixels() {
+    let mut random = Random::new(31);
+    let (mut pixels, mut different, mut wrong) = (0, 0, 0);
+    for round in 0..42 {
+        let (width, height) = (348, 210);
+        let camera = camera(&mut random, round, width, height);
+        let m = camera.clip_from_relative_f64(ClipConvention::REVERSED, DVec3::ZERO);
+        let (positions, triangles) = soup(&mut random, round % 3);
+        let draw = |coverage| {
+            let mut buffer = DepthBuffer::new(width, height).unwrap().with_coverage(coverage);
+            buffer.draw(&m, &positions, &triangles, Faces::Both);
+            buffer
+        };
+        let (exact, rounded) = (draw(Coverage::Centres), draw(Coverage::Rounded));
+        let mut truth = Truth::new(width, height);
+        truth.draw(&m, &positions, &triangles);
+        wrong += truth.violations(&rounded).0;
+        pixels += u64::from(width * height);
+        different += (0..width * height)
+            .filter(|i| exact.depth(i % width, i / width) != rounded.depth(i % width, i / width))
+            .count() as u64;
+    }
+    println!(
+        "{pixels} pixels, {different} differ between exact and rounded coverage, {wrong} are nearer than the truth"
+    );
+    assert!(different * 1000 < pixels && wrong * 10_000 < pixels);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::Table;
 use farsight_geometry::glam::{DMat4, DVec3, DVec4, Vec3};
-use farsight_occlusion::{DepthBuffer, Faces, ScreenBox, SimdLevel};
+use farsight_occlusion::{Coverage, DepthBuffer, Faces, ScreenBox, SimdLevel};
 use farsight_raster::{Random, thread_cpu_time};
 
 const WIDTH: u32 = 1920;
@@ -44,6 +44,27 @@ fn best(runs: usize, mut work: impl FnMut()) -> f64 {
     (0..runs).map(time).fold(f64::INFINITY, f64::min)
 }
 
+/// Share by which the first buffer takes longer than the second, drawn in turns.
+fn price_of_exactness(
+    buffers: [&mut DepthBuffer; 2],
+    runs: usize,
+    positions: &[Vec3],
+    triangles: &[[u32; 3]],
+) -> f64 {
+    let m = clip_from_px();
+    let mut times = [f64::INFINITY; 2];
+    for _ in 0..3 {
+        for i in 0..2 {
+            let seconds = best(runs, || {
+                buffers[i].clear();
+                buffers[i].draw(&m, positions, triangles, Faces::Both);
+            });
+            times[i] = times[i].min(seconds);
+        }
+    }
+    times[0] / times[1] - 1.0
+}
+
 pub fn speeds(table: &mut Table, quick: bool) {
     let m = clip_from_px();
     let runs = if quick { 5 } else { 15 };
@@ -67,6 +88,9 @@ pub fn speeds(table: &mut Table, quick: bool) {
             let speed = f64::from(count) / seconds * 1e-6;
             if floor.is_finite() { table.least(&name, speed, floor) } else { table.info(&name, speed) }
         }
+        let mut rounded = avx.clone().with_coverage(Coverage::Rounded);
+        let price = price_of_exactness([&mut avx, &mut rounded], runs, &positions, &triangles);
+        table.most(&format!("depth buffer, price of exact coverage, {edge} px triangles"), price, 0.3);
     }
     let (positions, _) = triangles(10.0, 60_000);
     let seconds = best(runs, || avx.draw(&m, &positions, &[], Faces::Both));

@@ -10,8 +10,8 @@ use glam::{DMat4, DVec2, DVec3, DVec4, Vec3};
 /// affair; it moves edges by at most 1/128 px when it snaps to 1/256 px or finer.
 const INSET: f64 = 1.0 / 64.0;
 
-/// Most corners after clipping: five planes add one each.
-const MOST: usize = 8;
+/// Most corners after clipping: six planes add one each.
+const MOST: usize = 9;
 
 /// Clips a triangle, moves its edges inwards and hands on the pieces.
 #[inline(always)]
@@ -86,7 +86,7 @@ fn shrink(px: &[DVec3], coverage: Coverage, faces: Faces) -> Option<([Vertex; MO
         let (p, q) = ((b - a).perp() * turn, (c - b).perp() * turn);
         let (p, q) = (p.try_normalize()?, q.try_normalize()?);
         let move_by = |normal: DVec2| match coverage {
-            Coverage::Centres => INSET,
+            Coverage::Centres | Coverage::Rounded => INSET,
             Coverage::Whole => INSET + 0.5 * normal.abs().element_sum(),
         };
         let det = p.perp_dot(q);
@@ -109,7 +109,7 @@ fn shrink(px: &[DVec3], coverage: Coverage, faces: Faces) -> Option<([Vertex; MO
         // Lowest over a snapping step, and over a pixel for samples anywhere in it.
         let slack = (plane.x.abs() + plane.y.abs())
             * match coverage {
-                Coverage::Centres => 1.0 / 256.0,
+                Coverage::Centres | Coverage::Rounded => 1.0 / 256.0,
                 Coverage::Whole => 0.5 + 1.0 / 256.0,
             };
         let z = plane.x * (p.x - px[0].x) + plane.y * (p.y - px[0].y) + px[0].z - slack;

@@ -54,7 +54,7 @@ impl DepthBuffer {
         }
         // Columns whose centres (or any of whose points) lie within; casts saturate.
         let margin = match self.coverage {
-            Coverage::Centres => MARGIN,
+            Coverage::Centres | Coverage::Rounded => MARGIN,
             Coverage::Whole => MARGIN + 0.5,
         };
         let from = |v: f64| (v - margin - 0.5).ceil().max(0.0) as u32;

@@ -45,25 +45,26 @@ struct Batch {
     y: [i32; 8],
     /// −1 where the two short edges lie on the right.
     right: [i32; 8],
+    /// An estimated crossing that lies closer than this to the middle between two columns' centres is on its right side of them.
+    sure: [f32; 8],
     usable: u32,
 }
 
 /// An edge of eight triangles. Of its points, dy · (x − x0) − dx · (y − y0) is zero, and grows to the right: zero belongs to
 /// the inside of left edges and to the outside of right ones, so both ask for the first column where it is not negative.
 struct Edges {
-    /// Where it crosses row 0, in columns, and how far it moves per row.
+    /// Its upper end, in columns from the middle before `begin` and in 1/256 px, and how far it moves per 1/256 px.
     x: [f32; 8],
-    slope: [f32; 8],
-    /// Rows are relative to this, so that long slopes do not cancel.
     y: [f32; 8],
-    /// The exact function at pixel (0, 0) and its steps, in wrapping arithmetic.
-    value: [i32; 8],
-    per_column: [i32; 8],
-    per_row: [i32; 8],
+    slope: [f32; 8],
+    /// What the exact function is made of.
+    left: [i32; 8],
+    dx: [i32; 8],
+    dy: [i32; 8],
 }
 
 #[inline(always)]
-pub(super) fn draw<S: Simd>(
+pub(super) fn draw<S: Simd, const EXACT: bool>(
     simd: S,
     buffer: &mut DepthBuffer,
     clip_from_local: &DMat4,
@@ -84,25 +85,31 @@ pub(super) fn draw<S: Simd>(
             let corners = corners.map(|i| positions[i as usize]);
             buffer.stats.clipped += u64::from(clips);
             draw_clipped(buffer, clip_from_local, corners, faces, |buffer, v| {
-                batch(simd, buffer, &[v; 8], 1, faces);
+                batch::<S, EXACT>(simd, buffer, &[v; 8], 1, faces);
             });
             continue;
         }
         chosen[count] = v;
         count += 1;
         if count == 8 {
-            batch(simd, buffer, &chosen, 8, faces);
+            batch::<S, EXACT>(simd, buffer, &chosen, 8, faces);
             count = 0;
         }
     }
     if count > 0 {
-        batch(simd, buffer, &chosen, count, faces);
+        batch::<S, EXACT>(simd, buffer, &chosen, count, faces);
     }
     buffer.vertices = vertices;
 }
 
 #[inline(always)]
-fn batch<S: Simd>(simd: S, buffer: &mut DepthBuffer, v: &[[Vertex; 3]; 8], count: usize, faces: Faces) {
+fn batch<S: Simd, const EXACT: bool>(
+    simd: S,
+    buffer: &mut DepthBuffer,
+    v: &[[Vertex; 3]; 8],
+    count: usize,
+    faces: Faces,
+) {
     let size = [buffer.width as i32, buffer.height as i32];
     let (batch, rows) = set_up(simd, v, faces, size);
     let mut left = batch.usable & ((1u32 << count) - 1);
@@ -114,7 +121,7 @@ fn batch<S: Simd>(simd: S, buffer: &mut DepthBuffer, v: &[[Vertex; 3]; 8], count
     while left != 0 {
         let i = (left.trailing_zeros() & 7) as usize;
         left &= left - 1;
-        rasterise(simd, buffer, &batch, i);
+        rasterise::<S, EXACT>(simd, buffer, &batch, i);
     }
 }
 
@@ -176,18 +183,24 @@ fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces, size: [i32; 2]) 
     // A level edge ends no row; the other short one then stands for both.
     let (level_upper, level_lower) = (y[0].simd_eq(y[1]), y[1].simd_eq(y[2]));
     let edges = [
-        edges(simd, [x[0], y[0]], [x[2], y[2]]),
+        edges(simd, begin, [x[0], y[0]], [x[2], y[2]]),
         edges(
             simd,
+            begin,
             [level_upper.select(x[1], x[0]), level_upper.select(y[1], y[0])],
             [level_upper.select(x[2], x[1]), level_upper.select(y[2], y[1])],
         ),
         edges(
             simd,
+            begin,
             [level_lower.select(x[0], x[1]), level_lower.select(y[0], y[1])],
             [level_lower.select(x[1], x[2]), level_lower.select(y[1], y[2])],
         ),
     ];
+    // An estimate among the triangle's columns is a product of at most the two others, rounded three times in all, and a sum,
+    // rounded once: see docs/occlusion.md.
+    let ends = float(x[0] - (begin << 8)).abs().max(float(x[1] - (begin << 8)).abs()) * (1.0 / 256.0);
+    let sure = (ends + float(end - begin) + 2.0) * (-4.0 * U) + 0.5;
     let one = f32x8::splat(simd, 1.0);
     let (dz1, dz2) = (z[1] - z[0], z[2] - z[0]);
     let inverse = one / area;
@@ -235,25 +248,25 @@ fn set_up<S: Simd>(simd: S, v: &[[Vertex; 3]; 8], faces: Faces, size: [i32; 2]) 
         x: x[0].into(),
         y: y[0].into(),
         right: right.select(i32x8::splat(simd, -1), zero).into(),
+        sure: sure.into(),
         usable: usable.to_bitmask() as u32,
     };
     (batch, rows)
 }
 
 #[inline(always)]
-fn edges<S: Simd>(simd: S, [x0, y0]: [i32x8<S>; 2], [x1, y1]: [i32x8<S>; 2]) -> Edges {
+fn edges<S: Simd>(simd: S, begin: i32x8<S>, [x0, y0]: [i32x8<S>; 2], [x1, y1]: [i32x8<S>; 2]) -> Edges {
     let (dx, dy) = (x1 - x0, y1 - y0);
     // Without height the triangle has no rows; any slope will do.
     let level = dy.simd_eq(0);
     let slope = float(dx) / level.select(f32x8::splat(simd, 1.0), float(dy));
-    let value = dy * (x0 * -1 + 128) - dx * (y0 * -1 + 128);
     Edges {
-        x: (float(x0) * (1.0 / 256.0) + (CLAMP + 0.5)).into(),
-        slope: (slope * (1.0 / 256.0)).into(),
+        x: (float(x0 - (begin << 8)) * (1.0 / 256.0) + 0.5).into(),
         y: float(y0).into(),
-        value: value.into(),
-        per_column: (dy << 8).into(),
-        per_row: ((dx << 8) * -1).into(),
+        slope: (slope * (1.0 / 256.0)).into(),
+        left: x0.into(),
+        dx: dx.into(),
+        dy: dy.into(),
     }
 }
 
@@ -276,52 +289,33 @@ fn ones_from<S: Simd>(simd: S, by: i32x8<S>) -> i32x8<S> {
     whole.select(zero, i32x8::splat(simd, -1) << whole.select(zero, by))
 }
 
-/// Columns beyond which crossings are clamped; they are off by at most one.
-const CLAMP: f32 = 16_400.0;
-
-/// An edge on its way down the rows.
-struct Edge<S: Simd> {
-    x: f32,
-    slope: f32,
-    y: f32,
-    per_column: i32,
-    per_rows: i32,
-    value: i32x8<S>,
-}
-
-impl<S: Simd> Edge<S> {
+impl Edges {
+    /// For each row about where the edge crosses it, in columns from `begin`: the whole part is the number of columns whose
+    /// centres are left of the edge. What is before the first or after the last of `most` columns is put half a column beyond.
     #[inline(always)]
-    fn new(simd: S, e: &Edges, i: usize, lanes: i32x8<S>, row: i32) -> Self {
-        let per_row = e.per_row[i];
-        let first = e.value[i].wrapping_add(per_row.wrapping_mul(row));
-        let value = lanes * i32x8::splat(simd, per_row) + first;
-        let per_rows = per_row.wrapping_mul(TILE_HEIGHT as i32);
-        Self { x: e.x[i], slope: e.slope[i], y: e.y[i], per_column: e.per_column[i], per_rows, value }
+    fn estimate<S: Simd>(&self, i: usize, centres: f32x8<S>, most: f32) -> f32x8<S> {
+        ((centres - self.y[i]) * self.slope[i] + self.x[i]).max(0.5).min(most + 0.5)
     }
 
-    /// For the next eight rows the first column whose centre is on or right of the edge.
+    /// Puts right an estimate that is off by at most one column. Exact although it wraps: so close to the edge the function is small.
     #[inline(always)]
-    fn crossing(&mut self, centres: f32x8<S>) -> i32x8<S> {
-        // Positive before truncation, so that this is the floor plus one: off by one column at most.
-        let estimate = (centres - self.y) * self.slope + self.x;
-        let column: i32x8<S> = i32x8::truncate_from(estimate.min(2.0 * CLAMP).max(0.0));
-        let column = column - CLAMP as i32;
-        let value = column * self.per_column + self.value;
-        self.value += self.per_rows;
+    fn exact<S: Simd>(&self, i: usize, rows: i32x8<S>, columns: i32x8<S>, begin: i32) -> i32x8<S> {
+        let (left, top, dx, dy) = (self.left[i], self.y[i] as i32, self.dx[i], self.dy[i]);
+        let first = dy.wrapping_mul(128 + 256 * begin - left).wrapping_sub(dx.wrapping_mul(128 - top));
+        let per_column = dy << 8;
+        let value = columns * per_column - rows * (dx << 8) + first;
         // Shifts make −1 of negative numbers.
-        column - (value >> 31) - ((value - self.per_column) >> 31) - 1
+        columns - (value >> 31) - ((value - per_column) >> 31) - 1
     }
 }
 
 #[inline(always)]
-fn rasterise<S: Simd>(simd: S, buffer: &mut DepthBuffer, b: &Batch, i: usize) {
+fn rasterise<S: Simd, const EXACT: bool>(simd: S, buffer: &mut DepthBuffer, b: &Batch, i: usize) {
     let (top, bottom, begin, end) = (b.top[i], b.bottom[i], b.begin[i], b.end[i]);
     let tile_rows = top as usize / TILE_HEIGHT..(bottom as usize - 1) / TILE_HEIGHT + 1;
     let lanes = i32x8::simd_from(simd, [0, 1, 2, 3, 4, 5, 6, 7]);
-    let row = (tile_rows.start * TILE_HEIGHT) as i32;
-    let mut long = Edge::new(simd, &b.edges[0], i, lanes, row);
-    let mut upper = Edge::new(simd, &b.edges[1], i, lanes, row);
-    let mut lower = Edge::new(simd, &b.edges[2], i, lanes, row);
+    let most = (end - begin) as f32;
+    let sure = f32x8::splat(simd, b.sure[i]);
     let right = i16x8::splat(simd, b.right[i] as i16).simd_lt(0);
     let short_lanes = i16x8::simd_from(simd, [0, 1, 2, 3, 4, 5, 6, 7]);
     let columns = buffer.bins.columns;
@@ -336,12 +330,41 @@ fn rasterise<S: Simd>(simd: S, buffer: &mut DepthBuffer, b: &Batch, i: usize) {
         let y = (tile_row * TILE_HEIGHT) as i32;
         let rows = lanes + y;
         let centres: f32x8<S> = f32x8::float_from((rows << 8) + 128);
+        // Closures might not be inlined.
+        macro_rules! each_edge {
+            (|$k:ident| $body:expr) => {
+                [
+                    {
+                        let $k = 0;
+                        $body
+                    },
+                    {
+                        let $k = 1;
+                        $body
+                    },
+                    {
+                        let $k = 2;
+                        $body
+                    },
+                ]
+            };
+        }
+        let estimates = each_edge!(|k| b.edges[k].estimate(i, centres, most));
+        let mut crossings: [i32x8<S>; 3] = each_edge!(|k| i32x8::truncate_from(estimates[k]));
+        if EXACT {
+            // Rarely is an edge so close to a centre that rounding might decide.
+            let off = each_edge!(|k| (estimates[k] - float(crossings[k]) - 0.5).abs());
+            if off[0].max(off[1]).max(off[2]).simd_gt(sure).to_bitmask() != 0 {
+                crossings = each_edge!(|k| {
+                    let exact = b.edges[k].exact(i, rows, crossings[k], begin);
+                    off[k].simd_gt(sure).select(exact, crossings[k])
+                });
+            }
+        }
         // Columns fit 16 bits, for which every instruction set has minima.
-        let a = narrow(simd, long.crossing(centres));
-        let u = narrow(simd, upper.crossing(centres));
-        let l = narrow(simd, lower.crossing(centres));
-        let from = right.select(a, u.max(l)).max(begin as i16);
-        let to = right.select(u.min(l), a).min(end as i16);
+        let [a, u, l] = each_edge!(|k| narrow(simd, crossings[k]));
+        let from = right.select(a, u.max(l));
+        let to = right.select(u.min(l), a);
         let rows = short_lanes + y as i16;
         let in_rows = rows.simd_ge(top as i16) & rows.simd_lt(bottom as i16);
         let to = in_rows.select(to, i16x8::splat(simd, 0));
@@ -354,12 +377,16 @@ fn rasterise<S: Simd>(simd: S, buffer: &mut DepthBuffer, b: &Batch, i: usize) {
             if most == 0 {
                 continue;
             }
-            tiles = [least as usize / TILE_WIDTH, (most as usize - 1) / TILE_WIDTH + 1];
+            tiles = [
+                (begin as usize + least as usize) / TILE_WIDTH,
+                (begin as usize + most as usize - 1) / TILE_WIDTH + 1,
+            ];
         }
         let down = gy * (y * 256 + 128 - b.y[i]) as f32;
         for tile_column in tiles[0]..tiles[1] {
             let x = (tile_column * TILE_WIDTH) as i32;
-            let covered = sub_tiles(simd, from - x as i16, to - x as i16);
+            let shift = (begin - x) as i16;
+            let covered = sub_tiles(simd, from + shift, to + shift);
             let across = gx * (x * 256 + 128 - b.x[i]) as f32;
             let depth = (lane_depth + (across + down)).max(farthest);
             buffer.bins.merge(simd, tile_row * columns + tile_column, covered, depth);
