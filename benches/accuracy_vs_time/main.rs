@@ -9,6 +9,7 @@
 
 mod check;
 mod geometry;
+mod lod;
 mod occlusion;
 mod plot;
 mod row;
@@ -51,6 +52,11 @@ struct Sweep {
 
 const SWEEPS: &[Sweep] = &[
     Sweep { name: "geometry", caption: "Hausdorff distance: tolerance against time", rows: geometry::rows },
+    Sweep {
+        name: "lod",
+        caption: "Vertex hierarchy: tolerance in pixels against update time",
+        rows: lod::rows,
+    },
     Sweep {
         name: "occlusion",
         caption: "Occlusion culling: lost pixels against frame time",
