@@ -4,10 +4,12 @@
 compile_error!("points are kept in memory and on disk in little-endian order");
 
 mod build;
+mod cache;
 mod error;
 mod frame;
 mod input;
 mod layout;
+mod load;
 mod morton;
 mod mospt;
 mod node;
@@ -16,6 +18,7 @@ mod record;
 mod select;
 mod spt;
 mod store;
+mod stream;
 mod traverse;
 mod tree;
 
@@ -30,4 +33,5 @@ pub use mospt::{LeafStrategy, Level, Mospt, MosptOptions, shuffle_batches};
 pub use point::{Grid, Point};
 pub use spt::{Spt, SptNode};
 pub use store::{NodeData, NodeId, Octree, Store};
+pub use stream::{Frame, GpuBuffers, Stream, StreamOptions};
 pub use traverse::{Drawn, Selection, Traversal, ViewOptions};

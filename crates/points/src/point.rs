@@ -1,7 +1,7 @@
 //! Points on an integer grid, and the grid.
 
 use crate::PointsError;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// A point: integer position on a [`Grid`], and a colour. 16 bytes, on disk and for a graphics card as well.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, bytemuck::Pod, bytemuck::Zeroable)]
@@ -54,6 +54,12 @@ impl Grid {
     #[inline]
     pub fn world(&self, position: [i32; 3]) -> DVec3 {
         DVec3::from_array(position.map(f64::from)) * self.scale + self.offset
+    }
+
+    /// Position relative to a world point near it, such as the eye: `f32` loses nothing that could be seen there.
+    #[inline]
+    pub fn relative(&self, position: [i32; 3], origin: DVec3) -> Vec3 {
+        (DVec3::from_array(position.map(f64::from)) * self.scale + (self.offset - origin)).as_vec3()
     }
 
     /// Nearest integer coordinates; off by at most half a step of [`scale`](Self::scale). `None` when NaN, infinite or beyond
