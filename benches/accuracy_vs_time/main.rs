@@ -11,6 +11,7 @@ mod check;
 mod geometry;
 mod occlusion;
 mod plot;
+mod points;
 mod row;
 mod shadow;
 mod timing;
@@ -55,6 +56,11 @@ const SWEEPS: &[Sweep] = &[
         name: "occlusion",
         caption: "Occlusion culling: lost pixels against frame time",
         rows: occlusion::rows,
+    },
+    Sweep {
+        name: "points",
+        caption: "Point clouds: pixels between a point and the drawn one, against the time of a frame",
+        rows: points::rows,
     },
     Sweep {
         name: "shadow",

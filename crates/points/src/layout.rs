@@ -45,10 +45,10 @@ impl Layout {
         Ok(())
     }
 
-    #[inline]
-    pub fn position(&self, record: &[u8]) -> [i32; 3] {
-        let word = |i: usize| i32::from_le_bytes([record[i], record[i + 1], record[i + 2], record[i + 3]]);
-        [word(0), word(4), word(8)]
+    #[inline(always)]
+    pub fn position(record: &[u8]) -> [i32; 3] {
+        let (words, _) = record.as_chunks::<4>();
+        [i32::from_le_bytes(words[0]), i32::from_le_bytes(words[1]), i32::from_le_bytes(words[2])]
     }
 
     /// Red, green, blue; 16-bit channels lose `shift` low bits.
@@ -57,14 +57,13 @@ impl Layout {
         match self.colour {
             Colour::None => 0xff_ffff,
             Colour::Bytes(at) => {
-                u32::from(record[at]) << 16 | u32::from(record[at + 1]) << 8 | u32::from(record[at + 2])
+                let &[r, g, b, ..] = &record[at..at + 3] else { return 0 };
+                u32::from(r) << 16 | u32::from(g) << 8 | u32::from(b)
             }
             Colour::Words(at) => {
-                let channel = |k: usize| {
-                    let v = u16::from_le_bytes([record[at + 2 * k], record[at + 2 * k + 1]]) >> shift;
-                    u32::from(v.min(255))
-                };
-                channel(0) << 16 | channel(1) << 8 | channel(2)
+                let &[r, g, b] = record[at..at + 6].as_chunks::<2>().0 else { return 0 };
+                let channel = |bytes| u32::from((u16::from_le_bytes(bytes) >> shift).min(255));
+                channel(r) << 16 | channel(g) << 8 | channel(b)
             }
         }
     }
@@ -83,6 +82,13 @@ impl Layout {
     pub fn words<const W: usize>(&self, record: &[u8]) -> [u64; W] {
         let mut words = [0; W];
         if W > 0 {
+            // One range of whole words is what common formats have.
+            if let [range] = &self.attributes[..]
+                && range.len() == 8 * W
+            {
+                let (whole, _) = record[range.clone()].as_chunks::<8>();
+                return std::array::from_fn(|i| u64::from_le_bytes(whole[i]));
+            }
             let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
             let mut at = 0;
             for range in &self.attributes {

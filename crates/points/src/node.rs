@@ -1,7 +1,8 @@
 //! Nodes of the outer octree as they are written.
 
 use crate::frame::{Cell, Frame};
-use crate::record::{Item, Whole};
+use crate::point::Point;
+use crate::record::Item;
 use crate::tree::Sink;
 
 /// What the index says about a node.
@@ -37,19 +38,21 @@ impl Block {
 }
 
 /// Writes nodes into a block.
-pub(crate) struct Encoder<'a, F> {
+pub(crate) struct Encoder<'a, F, G> {
     pub block: &'a mut Block,
     pub frame: Frame,
     /// Attribute bytes of a point.
     pub attribute_bytes: usize,
     /// Turns an item into a point.
     pub decode: F,
+    /// Its attributes.
+    pub attributes: G,
 }
 
 /// Bytes of a point without attributes.
 pub(crate) const POINT_BYTES: usize = 16;
 
-impl<const W: usize, T: Item, F: Fn(&T) -> Whole<W>> Sink<T> for Encoder<'_, F> {
+impl<const W: usize, T: Item, F: Fn(&T) -> Point, G: Fn(&T) -> [u64; W]> Sink<T> for Encoder<'_, F, G> {
     fn store(&mut self, outer: usize, first: usize, lists: &[Vec<T>]) {
         let Some(skip) = lists.iter().position(|l| !l.is_empty()) else { return };
         let end = lists.iter().rposition(|l| !l.is_empty()).map_or(skip, |i| i + 1);
@@ -60,19 +63,19 @@ impl<const W: usize, T: Item, F: Fn(&T) -> Whole<W>> Sink<T> for Encoder<'_, F> 
         let (mut box_min, mut box_max) = ([u32::MAX; 3], [0; 3]);
         for list in lists {
             for item in list {
-                let whole = (self.decode)(item);
-                let local = self.frame.local(whole.point.position);
+                let point = (self.decode)(item);
+                let local = self.frame.local(point.position);
                 for k in 0..3 {
                     box_min[k] = box_min[k].min(local[k]);
                     box_max[k] = box_max[k].max(local[k]);
                 }
-                self.block.payload.extend_from_slice(bytemuck::bytes_of(&whole.point));
+                self.block.payload.extend_from_slice(bytemuck::bytes_of(&point));
             }
             self.block.counts.push(list.len() as u32);
         }
         if self.attribute_bytes > 0 {
             for item in lists.iter().flatten() {
-                let attributes = (self.decode)(item).attributes;
+                let attributes = (self.attributes)(item);
                 let bytes: &[u8] = bytemuck::cast_slice(&attributes);
                 self.block.payload.extend_from_slice(&bytes[..self.attribute_bytes]);
             }

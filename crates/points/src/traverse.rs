@@ -226,7 +226,7 @@ impl Count {
 }
 
 /// A camera in the octree's own coordinates, in `f32`.
-struct View<'a> {
+struct View {
     eye: Vec3,
     forward: Vec3,
     forward_abs: Vec3,
@@ -237,7 +237,6 @@ struct View<'a> {
     /// Half extents are inflated by this for the rounding of coordinates relative to the eye.
     slack: f32,
     diagonals: [f64; 34],
-    octree: &'a Octree,
 }
 
 /// All six planes still have to be tested.
@@ -250,8 +249,8 @@ struct Seen {
     half: Vec3,
 }
 
-impl<'a> View<'a> {
-    fn new(octree: &'a Octree, camera: &Camera) -> Self {
+impl View {
+    fn new(octree: &Octree, camera: &Camera) -> Self {
         let eye = camera.eye() - octree.corner();
         let frustum = Frustum::from_camera(camera);
         let mut planes = [(Vec3::ZERO, Vec3::ZERO, 0.0); 6];
@@ -276,7 +275,6 @@ impl<'a> View<'a> {
             diagonals: std::array::from_fn(|k| {
                 octree.cell_diagonal((k as u32 + octree.inner_depth()).saturating_sub(1))
             }),
-            octree,
         }
     }
 

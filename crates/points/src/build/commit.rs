@@ -87,21 +87,25 @@ impl<R> Work<R> {
         let decode = |record: &R| {
             let (inside, min) = (record.local(), cell.min);
             let local = [0, 1, 2].map(|k| min[k] + inside[k]);
-            let point = Point::new(frame.global(local), unpack(record.rgb()));
-            Whole { point, attributes: record.attributes() }
+            Point::new(frame.global(local), unpack(record.rgb()))
         };
-        let mut encoder = Encoder { block: &mut block, frame, attribute_bytes, decode };
+        let whole = |record: &R| Whole { point: decode(record), attributes: record.attributes() };
+        let attributes = R::attributes;
+        let mut encoder = Encoder { block: &mut block, frame, attribute_bytes, decode, attributes };
         push_sorted(&mut self.assembler, shape, &self.records, cell.level, &mut encoder);
         let representative = self.assembler.representative().expect("a bucket has a point");
         // The root waits for its own representative, even where the bucket is everything.
         let above = (cell.level as usize).max(1);
         self.assembler.close_nodes(above, &mut encoder);
-        let (open, stored) = self.assembler.take_open(above, decode);
+        let (open, stored) = self.assembler.take_open(above, whole);
         let Member { item, sums, count } = representative;
-        let representative = Member { item: decode(&item), sums, count };
+        let representative = Member { item: whole(&item), sums, count };
         Ok(Outcome { cell, representative, open, stored, block })
     }
 }
+
+/// Writes points that are whole already.
+type WholeEncoder<'a, const W: usize> = Encoder<'a, fn(&Whole<W>) -> Point, fn(&Whole<W>) -> [u64; W]>;
 
 /// Puts buckets together in order and writes them.
 struct Committer<const W: usize> {
@@ -154,16 +158,13 @@ impl<const W: usize> Committer<W> {
     /// Lets the assembler finish nodes, and writes them.
     fn step(
         &mut self,
-        work: impl FnOnce(&mut Assembler<Whole<W>>, &mut Encoder<'_, fn(&Whole<W>) -> Whole<W>>),
+        work: impl FnOnce(&mut Assembler<Whole<W>>, &mut WholeEncoder<'_, W>),
     ) -> Result<(), PointsError> {
         self.own.clear();
         let (frame, attribute_bytes) = (self.frame, self.attribute_bytes);
-        let mut encoder = Encoder {
-            block: &mut self.own,
-            frame,
-            attribute_bytes,
-            decode: (|w: &Whole<W>| *w) as fn(&_) -> _,
-        };
+        let decode: fn(&Whole<W>) -> Point = |whole| whole.point;
+        let attributes: fn(&Whole<W>) -> [u64; W] = |whole| whole.attributes;
+        let mut encoder = Encoder { block: &mut self.own, frame, attribute_bytes, decode, attributes };
         work(&mut self.assembler, &mut encoder);
         if self.own.nodes.is_empty() {
             return Ok(());

@@ -5,6 +5,7 @@ use super::abort::Abort;
 use super::source::Blocks;
 use crate::PointsError;
 use crate::frame::Frame;
+use crate::layout::Layout;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -123,11 +124,13 @@ fn pass(
             let extent = &mut extents[block.part];
             let shift = part.shift.map(|s| s as i32);
             let below = frame.map_or(0, |f| f.bits - level);
+            // Kept apart from the array, so that they stay in registers.
+            let (mut lo, mut hi) = (extent.lo, extent.hi);
             for record in bytes.chunks_exact(part.layout.stride) {
-                let p = part.layout.position(record);
+                let p = Layout::position(record);
                 for k in 0..3 {
-                    extent.lo[k] = extent.lo[k].min(p[k]);
-                    extent.hi[k] = extent.hi[k].max(p[k]);
+                    lo[k] = lo[k].min(p[k]);
+                    hi[k] = hi[k].max(p[k]);
                 }
                 if let Some(frame) = frame {
                     let local = frame.local([0, 1, 2].map(|k| p[k].wrapping_add(shift[k])));
@@ -137,6 +140,7 @@ fn pass(
                     }
                 }
             }
+            (extent.lo, extent.hi) = (lo, hi);
             if part.wide_colours && extent.colour_bits <= 255 {
                 extent.colour_bits |= bytes
                     .chunks_exact(part.layout.stride)

@@ -70,6 +70,7 @@ impl Cut {
     }
 
     /// Bits below a histogram cell.
+    #[inline]
     pub fn below(&self) -> u32 {
         self.bits - self.base.level - self.level
     }

@@ -11,6 +11,7 @@ use super::source::Blocks;
 use super::temp::{Scratch, read_exact_at};
 use crate::PointsError;
 use crate::frame::Cell;
+use crate::layout::Layout;
 use crate::record::{COMPACT_BITS, Compact, Record, Wide};
 use std::fs::File;
 use std::io::Write;
@@ -86,6 +87,14 @@ impl Bucket {
 }
 
 impl Piece {
+    /// Words in it.
+    fn len(&self) -> usize {
+        match self {
+            Self::Memory(words) => words.len(),
+            Self::Spilled { words, .. } => *words,
+        }
+    }
+
     /// The records as words. What lay in memory is the caller's from now on.
     fn words<'a>(self, held: &Held, buffer: &'a mut Vec<u64>) -> Result<&'a [u64], PointsError> {
         if let Self::Memory(words) = self {
@@ -116,10 +125,31 @@ impl Piece {
     }
 }
 
+/// What has to be known of a bucket to send a point there.
+#[derive(Clone, Copy, Debug)]
+struct Target {
+    compact: bool,
+    /// Bits of a coordinate inside the bucket's cell.
+    mask: u32,
+    /// Words of a record.
+    words: usize,
+}
+
+impl Target {
+    fn new<const W: usize>(cell: &Cell, bits: u32) -> Self {
+        let below = bits - cell.level;
+        let compact = below <= COMPACT_BITS;
+        let words = if compact { Compact::<W>::WORDS } else { Wide::<W>::WORDS };
+        Self { compact, mask: ((1u64 << below) - 1) as u32, words }
+    }
+}
+
 /// What one thread collects.
 struct Lane<'a> {
     cut: &'a Cut,
-    compact: &'a [bool],
+    targets: &'a [Target],
+    /// Bits below a cell of the histogram.
+    below: u32,
     scratch: Option<&'a Scratch>,
     held: &'a Held,
     limits: Limits,
@@ -128,7 +158,6 @@ struct Lane<'a> {
     open: Vec<Vec<u64>>,
     full: Vec<Vec<Vec<u64>>>,
     spilled: Vec<Vec<Piece>>,
-    points: Vec<u64>,
     free: [Vec<Vec<u64>>; 2],
     file: Option<(Arc<SpillFile>, u64)>,
     number: usize,
@@ -137,7 +166,7 @@ struct Lane<'a> {
 impl<'a> Lane<'a> {
     fn new<const W: usize>(
         cut: &'a Cut,
-        compact: &'a [bool],
+        targets: &'a [Target],
         scratch: Option<&'a Scratch>,
         held: &'a Held,
         limits: Limits,
@@ -149,7 +178,8 @@ impl<'a> Lane<'a> {
         let whole = |record: usize| words / record * record;
         Self {
             cut,
-            compact,
+            targets,
+            below: cut.below(),
             scratch,
             held,
             limits,
@@ -157,45 +187,40 @@ impl<'a> Lane<'a> {
             open: vec![Vec::new(); buckets],
             full: vec![Vec::new(); buckets],
             spilled: (0..buckets).map(|_| Vec::new()).collect(),
-            points: vec![0; buckets],
             free: [Vec::new(), Vec::new()],
             file: None,
             number: NUMBER.fetch_add(1, Ordering::Relaxed),
         }
     }
 
-    /// Adds a point by its coordinates in the frame.
-    #[inline]
+    /// Adds a point by its coordinates from the corner of the cell that is cut.
+    #[inline(always)]
     fn push<const W: usize>(
         &mut self,
-        local: [u32; 3],
+        inside: [u32; 3],
         rgb: u32,
         attributes: [u64; W],
     ) -> Result<(), PointsError> {
-        let base = self.cut.base.min;
-        let inside = [local[0] - base[0], local[1] - base[1], local[2] - base[2]];
-        let bucket = self.cut.bucket_of[cell_index(inside, self.cut.below(), self.cut.level)] as usize;
-        let compact = self.compact[bucket];
+        let bucket = self.cut.bucket_of[cell_index(inside, self.below, self.cut.level)] as usize;
+        let Target { compact, mask, .. } = self.targets[bucket];
         let record = if compact { Compact::<W>::WORDS } else { Wide::<W>::WORDS };
         let chunk = &self.open[bucket];
         if chunk.capacity() - chunk.len() < record {
             self.next_chunk(bucket)?;
         }
-        let min = self.cut.cells[bucket].min;
-        let own = [local[0] - min[0], local[1] - min[1], local[2] - min[2]];
+        let own = inside.map(|v| v & mask);
         let chunk = &mut self.open[bucket];
         if compact {
             Compact::pack(own, rgb, attributes).to_words(chunk);
         } else {
             Wide::pack(own, rgb, attributes).to_words(chunk);
         }
-        self.points[bucket] += 1;
         Ok(())
     }
 
     #[cold]
     fn next_chunk(&mut self, bucket: usize) -> Result<(), PointsError> {
-        let kind = usize::from(self.compact[bucket]);
+        let kind = usize::from(self.targets[bucket].compact);
         let words = self.chunk[kind];
         let next = self.free[kind].pop().unwrap_or_else(|| Vec::with_capacity(words));
         let before = std::mem::replace(&mut self.open[bucket], next);
@@ -248,7 +273,7 @@ impl<'a> Lane<'a> {
             *end += 8 * chunk.len() as u64;
             chunk.clear();
             // A few are kept for the next chunks; the allocator has the rest.
-            let free = &mut self.free[usize::from(self.compact[bucket])];
+            let free = &mut self.free[usize::from(self.targets[bucket].compact)];
             if free.len() < 16 {
                 free.push(chunk);
             }
@@ -260,12 +285,14 @@ impl<'a> Lane<'a> {
     /// Hands everything over.
     fn finish(self, buckets: &Mutex<Vec<Bucket>>) {
         let mut buckets = buckets.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let parts = self.open.into_iter().zip(self.full).zip(self.spilled).zip(self.points);
-        for (bucket, (((open, full), spilled), points)) in buckets.iter_mut().zip(parts) {
-            bucket.points += points;
+        let parts = self.open.into_iter().zip(self.full).zip(self.spilled).zip(self.targets);
+        for (bucket, (((open, full), spilled), target)) in buckets.iter_mut().zip(parts) {
+            let before = bucket.pieces.len();
             bucket.pieces.extend(spilled);
             bucket.pieces.extend(full.into_iter().map(Piece::Memory));
             bucket.pieces.extend((!open.is_empty()).then_some(Piece::Memory(open)));
+            let words: usize = bucket.pieces[before..].iter().map(Piece::len).sum();
+            bucket.points += (words / target.words) as u64;
         }
     }
 }
@@ -290,7 +317,7 @@ pub(super) fn partition<const W: usize>(
         let shift = part.shift.map(|s| s as i32);
         let mut buffer = Vec::new();
         for record in blocks.read(i, &mut buffer)?.chunks_exact(part.layout.stride) {
-            let p = part.layout.position(record);
+            let p = Layout::position(record);
             let local = frame.local([0, 1, 2].map(|k| p[k].wrapping_add(shift[k])));
             if frame.bits < 32 && (local[0] | local[1] | local[2]) >> frame.bits != 0 {
                 return Err(changed(&part.name));
@@ -321,12 +348,12 @@ fn distribute<const W: usize>(
     abort: &Abort<'_>,
     work: impl Fn(&mut Lane<'_>) -> Result<bool, PointsError> + Sync,
 ) -> Result<Vec<Bucket>, PointsError> {
-    let compact: Vec<bool> = cut.cells.iter().map(|c| cut.bits - c.level <= COMPACT_BITS).collect();
-    let empty = |(&cell, &compact): (&Cell, &bool)| Bucket { cell, compact, ..Bucket::default() };
-    let buckets = Mutex::new(cut.cells.iter().zip(&compact).map(empty).collect());
+    let targets: Vec<Target> = cut.cells.iter().map(|c| Target::new::<W>(c, cut.bits)).collect();
+    let empty = |(&cell, t): (&Cell, &Target)| Bucket { cell, compact: t.compact, ..Bucket::default() };
+    let buckets = Mutex::new(cut.cells.iter().zip(&targets).map(empty).collect());
     abort.begin();
     abort.on_threads(limits.threads, || {
-        let mut lane = Lane::new::<W>(cut, &compact, scratch, held, limits);
+        let mut lane = Lane::new::<W>(cut, &targets, scratch, held, limits);
         while work(&mut lane)? {}
         lane.finish(&buckets);
         Ok(())
@@ -394,7 +421,7 @@ fn split<const W: usize>(
         let Some(piece) = piece else { return Ok(false) };
         let mut buffer = Vec::new();
         each::<W>(piece.words(held, &mut buffer)?, compact, |p, rgb, attributes| {
-            lane.push([0, 1, 2].map(|k| p[k] + base.min[k]), rgb, attributes)
+            lane.push(p, rgb, attributes)
         })?;
         abort.check()?;
         Ok(true)

@@ -3,7 +3,7 @@
 use super::format::Head;
 use super::parse::parents;
 use crate::Grid;
-use crate::frame::{Cell, Frame};
+use crate::frame::Cell;
 use farsight_geometry::DAabb;
 use farsight_geometry::accuracy::{ErrorBound, Unit};
 use glam::{DVec3, Vec3};
@@ -143,8 +143,9 @@ impl Octree {
             counts: (self.counts.len() as u32, record.per_level.len() as u8),
         });
         self.counts.extend(&record.per_level);
-        let level = spacing_level(record, self.head.inner, self.head.frame.bits);
-        self.spacing.push(self.cell_edge(level) as f32);
+        let cell = self.cell_edge((record.cell.level + self.head.inner).min(self.head.frame.bits));
+        let sparse = if children == 0 { leaf_spacing(max - min, record.points) } else { 0.0 };
+        self.spacing.push(cell.max(sparse) as f32);
         self.points += u64::from(record.points);
     }
 
@@ -257,8 +258,8 @@ impl Octree {
         (self.head.grid.scale * steps).length() * (1.0 + 4.0 * f64::EPSILON)
     }
 
-    /// Distance in the world at which a node's points fill its cells without gaps: the edge of its finest cells or, where the points
-    /// are too sparse to fill those, of cells that hold one point each on average of what a surface would need.
+    /// Distance in the world at which splats of a node's points leave no gaps, an estimate: the edge of the cells that it fills; for a
+    /// node with nothing below, which may be sparser, what its number of points on the faces of its box would need.
     pub fn node_spacing(&self, node: NodeId) -> f32 {
         self.spacing[node.0 as usize]
     }
@@ -272,10 +273,6 @@ impl Octree {
         &self.walked
     }
 
-    pub(crate) fn frame(&self) -> Frame {
-        self.head.frame
-    }
-
     /// Offset, number of points and checksum.
     pub(super) fn payload(&self, node: NodeId) -> (u64, usize, u32) {
         let p = &self.payloads[node.0 as usize];
@@ -283,20 +280,10 @@ impl Octree {
     }
 }
 
-/// Level whose cells a node fills: k + D where nodes below go on; for merged points, that of most of them.
-fn spacing_level(record: &Record, inner: u32, bits: u32) -> u32 {
-    let own = (record.cell.level + inner).min(bits);
-    // Points of merged nodes are finer than the node's own cells. They count where they are the greater part.
-    let mut finer = 0u64;
-    let mut level = own;
-    for (l, &count) in (record.first..).zip(&record.per_level) {
-        if l > own && l <= bits {
-            finer += u64::from(count);
-            if 2 * finer > u64::from(record.points) {
-                level = l;
-                break;
-            }
-        }
-    }
-    level
+/// Spacing of points that lie at random on a surface as large as three faces of a box: a plane fills one, a corner all.
+fn leaf_spacing(extent: DVec3, points: u32) -> f64 {
+    let area = extent.x * extent.y + extent.y * extent.z + extent.z * extent.x;
+    // Random points leave holes larger than their mean distance.
+    const HOLES: f64 = 1.4;
+    HOLES * (area / f64::from(points)).sqrt()
 }
