@@ -94,16 +94,18 @@ fn on_screen(
     Ok(out)
 }
 
-/// Largest distance in pixels from a visible point to the nearest one of some nodes, in exact positions. Distances beyond
-/// `reach` are reported as infinite.
+/// Largest distance in pixels from a visible point to the nearest one of some nodes, in exact positions, a hundredth of
+/// `reach` at least. Beyond `reach` it may come out too large, even infinite.
 pub fn hausdorff_px(
     store: &Store,
     camera: &Camera,
     selection: &Selection,
     reach: f64,
 ) -> Result<f64, Box<dyn Error>> {
-    // Bins at least half as wide as the reach, so that 5 x 5 of them hold all that matters.
-    let bin = (0.5 * reach).max(1.0);
+    // Bins half as wide as the reach, so that 5 x 5 of them hold all that matters; the nearest first.
+    let bin = (0.5 * reach).max(0.5);
+    let mut around: Vec<(i64, i64)> = (-2..=2).flat_map(|j| (-2..=2).map(move |i| (i, j))).collect();
+    around.sort_by_key(|(i, j)| i * i + j * j);
     let margin = 2.0 * bin;
     let side = |pixels: u32| ((f64::from(pixels) + 2.0 * margin) / bin) as usize + 1;
     let (w, h) = (side(camera.width()), side(camera.height()));
@@ -116,13 +118,18 @@ pub fn hausdorff_px(
     (0..w * h).for_each(|i| starts[i + 1] += starts[i]);
     let is_drawn: HashSet<NodeId> = selection.drawn.iter().map(|d| d.node).collect();
     let omitted = store.octree().ids().filter(|n| !is_drawn.contains(n));
-    let mut worst = 0.0f64;
+    // Distances below a hundredth of the reach are not told apart: looking for them takes long where points are dense.
+    let mut worst = 0.01 * reach;
     for p in on_screen(store, camera, 0.0, omitted)? {
         let (x, y) = place(p);
         let mut least = f64::INFINITY;
-        'search: for j in y.saturating_sub(2)..=(y + 2).min(h - 1) {
-            let row = j * w + x.saturating_sub(2)..j * w + (x + 2).min(w - 1) + 1;
-            for q in &drawn[starts[row.start] as usize..starts[row.end] as usize] {
+        'search: for (i, j) in &around {
+            let (x, y) = (x as i64 + i, y as i64 + j);
+            if !(0..w as i64).contains(&x) || !(0..h as i64).contains(&y) {
+                continue;
+            }
+            let at = y as usize * w + x as usize;
+            for q in &drawn[starts[at] as usize..starts[at + 1] as usize] {
                 least = least.min(q.distance(p));
                 // It cannot change the result any more.
                 if least <= worst {

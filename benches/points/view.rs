@@ -64,10 +64,11 @@ pub fn report(count: u64, size: [u32; 2]) -> Result<(), Box<dyn Error>> {
             let ms = start.elapsed().as_secs_f64() * 50.0;
             let some = Plain::some(&store, camera, selection.drawn.iter().map(|d| d.node))?;
             let (lost, extra) = lost(&all, &some);
-            let measured = hausdorff_px(&store, &camera, &selection, px)?;
+            let claimed = selection.error.map_or(0.0, |e| e.value);
+            let measured = hausdorff_px(&store, &camera, &selection, claimed)?;
             println!(
                 "{name:<8} {px:>6} {:>9.4} {measured:>9.4} {:>7} {:>11} {:>9.4}% {extra:>6} {:>9.4} {ms:>9.4}",
-                selection.error.map_or(0.0, |e| e.value),
+                claimed,
                 selection.drawn.len(),
                 selection.points,
                 100.0 * lost,

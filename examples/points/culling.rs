@@ -14,6 +14,7 @@ use std::error::Error;
 
 /// Drawn nodes as a tree: id 2i is the cell of the i-th, id 2i + 1 its own points.
 struct Shown {
+    /// By id.
     bounds: Vec<DAabb>,
     children: Vec<Vec<Id>>,
 }
@@ -36,7 +37,14 @@ impl Shown {
                 / camera.pixels_per_unit();
             b.inflated(f64::from(d.splat).max(pixel))
         };
-        Self { bounds: selection.drawn.iter().map(bounds).collect(), children }
+        let mut all: Vec<DAabb> = selection.drawn.iter().map(bounds).flat_map(|b| [b, b]).collect();
+        // Children may have larger splats: a cell's box holds theirs. They stand after their parents.
+        for i in (0..children.len()).rev() {
+            for child in &children[i] {
+                all[2 * i] = all[2 * i].union(all[child.0 as usize]);
+            }
+        }
+        Self { bounds: all, children }
     }
 }
 
@@ -46,8 +54,7 @@ impl Hierarchy for Shown {
     }
 
     fn bounds(&self, node: Id) -> DAabb {
-        // A parent's box has to hold its children's, and theirs are inflated by less.
-        self.bounds[node.0 as usize / 2]
+        self.bounds[node.0 as usize]
     }
 
     fn child(&self, node: Id, index: u32) -> Option<Id> {

@@ -133,7 +133,7 @@ pub fn overview(
     size: [u32; 2],
 ) -> Result<Camera, farsight_geometry::CameraError> {
     let (center, diagonal) = (bounds.center(), bounds.diagonal().max(1e-6));
-    let eye = center + DVec3::new(-0.24, -0.43, 0.33) * diagonal;
+    let eye = center + DVec3::new(-0.28, -0.5, 0.38) * diagonal;
     Camera::look_at(eye, center - DVec3::Z * 0.02 * diagonal, DVec3::Z)?
         .with_range(1e-4 * diagonal, f64::INFINITY)?
         .with_image(size[0], size[1])

@@ -22,7 +22,6 @@ use farsight_points::{
     BuildOptions, BuildReport, GpuBuffers, NodeData, NodeId, Selection, Store, Stream, StreamOptions,
     Traversal, ViewOptions,
 };
-use farsight_raster::Image;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -153,7 +152,7 @@ fn by_height(store: &Store) -> Result<Option<ByHeight>, Box<dyn Error>> {
 }
 
 /// Largest splat in pixels: near the eye a cloud shows its gaps rather than blobs.
-const MOST_PX: f32 = 16.0;
+const MOST_PX: f32 = 12.0;
 
 fn paint(store: &Store, camera: &Camera, selection: &Selection) -> Result<Painter, Box<dyn Error>> {
     let mut painter = Painter::new(*camera, by_height(store)?)?;
@@ -224,7 +223,7 @@ fn culled(store: &Store, camera: &Camera, out: &Path) -> Result<(), Box<dyn Erro
     let different =
         Image::from_colour(&painter.target).compare(&Image::from_colour(&reference.target))?.differing;
     println!(
-        "occlusion culling over the octree: {} of {} nodes and {} of {} points hidden, {} queries, {different} pixels differ",
+        "occlusion culling over the octree: {} of {} nodes and {} of {} points hidden, {} queries, {different} depths differ",
         saved.nodes,
         selection.drawn.len(),
         saved.points,

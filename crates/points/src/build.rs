@@ -6,6 +6,7 @@ mod count;
 mod cut;
 mod in_core;
 mod partition;
+mod resume;
 mod source;
 mod temp;
 mod writer;
@@ -14,13 +15,14 @@ pub(crate) use in_core::sequential;
 pub(crate) use temp::read_exact_at;
 
 use crate::PointsError;
-use crate::input::Input;
+use crate::frame::Frame;
+use crate::input::{Input, Source};
 use crate::store::{self, Head};
 use crate::tree::Shape;
 use abort::Abort;
 use commit::{Index, Means};
 use farsight_geometry::Cost;
-use partition::{Held, Limits};
+use partition::{Bucket, Held, Limits};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
@@ -39,12 +41,15 @@ pub struct BuildOptions {
     pub inner_depth: u32,
     /// Nodes with fewer points, and nothing below, join their parent.
     pub merge_below: usize,
+    /// Writes everything that was read and distributed to scratch files, so that the next build of the same files to the same
+    /// output goes on from there if this one is killed. Has no effect on arrays and readers, which cannot be recognised.
+    pub resume: bool,
 }
 
 impl Default for BuildOptions {
-    /// All processors, 512 MiB, depth 7, 500 points.
+    /// All processors, 512 MiB, depth 7, 500 points, no resuming.
     fn default() -> Self {
-        Self { threads: 0, memory: 512 << 20, inner_depth: 7, merge_below: 500 }
+        Self { threads: 0, memory: 512 << 20, inner_depth: 7, merge_below: 500, resume: false }
     }
 }
 
@@ -88,7 +93,8 @@ pub struct BuildReport {
     pub payload_bytes: u64,
     /// Bytes of everything else in the file.
     pub structure_bytes: u64,
-    /// Time; bytes of the file; counters `points`, `nodes`, `buckets`, `spilled` (bytes).
+    /// Time; bytes of the file; counters `points`, `nodes`, `buckets`, and `resumed`: 1 when what a killed
+    /// build had distributed was used.
     pub cost: Cost,
 }
 
@@ -188,7 +194,7 @@ impl BuildOptions {
                 resident: (if staged { share / 2 } else { share } / 8) as usize,
                 bucket_points,
             },
-            means: Means { threads: threads as usize, memory: share, point_bytes },
+            means: Means { threads: threads as usize, memory: share, resident: share, point_bytes },
         }
     }
 }
@@ -217,17 +223,29 @@ fn run<const W: usize>(
     let start = Instant::now();
     let (grid, attributes, rounding) = (*input.grid(), input.attributes().to_owned(), input.rounding().value);
     let attribute_bytes = input.attribute_bytes();
-    let staged = input.parts.iter().any(|p| matches!(p.source, crate::input::Source::Reader(_)));
+    let staged = input.parts.iter().any(|p| matches!(p.source, Source::Reader(_) | Source::Raw(_)));
     let abort = Abort::new(progress);
-    let scratch = Scratch::new(out)?;
-    let staging = options.plan(W, 0, staged).staged;
-    let blocks = source::Blocks::open(input, staging, Some(&scratch), &abort)?;
-    let plan = options.plan(W, blocks.points(), staged);
-    let counted = count::count(&blocks, plan.limits.threads, &abort)?;
-    let (frame, hi) = (counted.frame, counted.hi);
+    let identity = if options.resume { resume::identity(&input) } else { None };
+    let (mut scratch, adopted) =
+        Scratch::new(out, |folder| identity.is_some_and(|i| resume::is_saved(folder, i)))?;
+    let saved = if adopted { resume::load(&scratch) } else { None };
+    if adopted && saved.is_none() {
+        // Something is missing that the manifest names: all is done anew.
+        drop(scratch);
+        scratch = Scratch::new(out, |_| false)?.0;
+    }
     let held = Held::default();
-    let buckets = partition::partition::<W>(&blocks, &counted, plan.limits, Some(&scratch), &held, &abort)?;
-    drop((blocks, counted));
+    let resumed = saved.is_some();
+    let Distributed { frame, hi, buckets } = match saved {
+        Some(saved) => saved,
+        None => distribute::<W>(input, options, staged, identity, &scratch, &held, &abort)?,
+    };
+    // What a killed build had begun to write.
+    let _ = std::fs::remove_file(scratch.path("points"));
+    let plan = options.plan(W, buckets.iter().map(|b| b.points).sum(), staged);
+    // Resumed with less memory than before, buckets may be too large.
+    let buckets =
+        partition::split_large::<W>(buckets, frame.bits, plan.limits, Some(&scratch), &held, &abort)?;
     let shape = Shape {
         bits: frame.bits,
         deepest: frame.bits,
@@ -247,7 +265,36 @@ fn run<const W: usize>(
     writer.finish()?;
     std::fs::rename(&path, out).map_err(PointsError::io(out))?;
     sync_folder(out)?;
-    Ok(report(&index, frame.bits, payload_bytes, length, bucket_count, start))
+    Ok(report(&index, frame.bits, payload_bytes, length, bucket_count, resumed, start))
+}
+
+/// All points in the buckets of their cells.
+struct Distributed {
+    frame: Frame,
+    hi: [i32; 3],
+    buckets: Vec<Bucket>,
+}
+
+/// Reads the input; with an identity, keeps the result for a later build.
+fn distribute<const W: usize>(
+    input: Input<'_>,
+    options: &BuildOptions,
+    staged: bool,
+    identity: Option<u64>,
+    scratch: &Scratch,
+    held: &Held,
+    abort: &Abort<'_>,
+) -> Result<Distributed, PointsError> {
+    let staging = options.plan(W, 0, staged).staged;
+    let blocks = source::Blocks::open(input, staging, Some(scratch), abort)?;
+    let limits = options.plan(W, blocks.points(), staged).limits;
+    let counted = count::count(&blocks, limits.threads, abort)?;
+    let (frame, hi) = (counted.frame, counted.hi);
+    let mut buckets = partition::partition::<W>(&blocks, &counted, limits, Some(scratch), held, abort)?;
+    if let Some(identity) = identity {
+        resume::save(&mut buckets, frame, hi, identity, scratch, held)?;
+    }
+    Ok(Distributed { frame, hi, buckets })
 }
 
 /// Makes the new name last.
@@ -265,6 +312,7 @@ fn report(
     payload_bytes: u64,
     length: u64,
     buckets: u64,
+    resumed: bool,
     start: Instant,
 ) -> BuildReport {
     let mut levels = vec![0u64; bits as usize + 2];
@@ -279,6 +327,7 @@ fn report(
     cost.counters.add("points", points);
     cost.counters.add("nodes", index.nodes.len() as u64);
     cost.counters.add("buckets", buckets);
+    cost.counters.add("resumed", resumed.into());
     BuildReport {
         points,
         nodes: index.nodes.len() as u64,

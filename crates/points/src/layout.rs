@@ -25,12 +25,16 @@ pub(crate) enum Colour {
     Words(usize),
 }
 
+/// A list of one range, or of none when it is empty.
+pub(crate) fn some_range(range: std::ops::Range<usize>) -> Vec<std::ops::Range<usize>> {
+    (!range.is_empty()).then_some(range).into_iter().collect()
+}
+
 impl Layout {
     /// Positions, colour, fourth byte, attributes: what is staged, and [`Point`](crate::Point) itself.
     pub fn staged(attribute_bytes: usize) -> Self {
         let end = 16 + attribute_bytes;
-        let attributes = if attribute_bytes > 0 { vec![16..end] } else { vec![] };
-        Self { stride: end, colour: Colour::Bytes(12), attributes }
+        Self { stride: end, colour: Colour::Bytes(12), attributes: some_range(16..end) }
     }
 
     pub fn attribute_bytes(&self) -> usize {

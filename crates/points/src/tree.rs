@@ -170,6 +170,12 @@ impl<T: Item> Assembler<T> {
         let count = run.len() as u64;
         let best = (0..run.len()).min_by_key(|&i| Member::distance(run[i], &sums, count)).unwrap_or(0);
         let level = self.shape.deepest + 1;
+        if run.len() > 1024 {
+            // Exactly as much as is needed: there may be millions.
+            let outer = (level as usize).saturating_sub(self.shape.inner as usize);
+            let place = level as usize - self.shape.first(outer);
+            self.lists[outer][place].reserve_exact(run.len() - 1);
+        }
         for (i, item) in run.iter().enumerate() {
             if i != best {
                 self.emit(level, *item);

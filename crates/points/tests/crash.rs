@@ -28,10 +28,14 @@ fn child() {
 }
 
 fn command(path: &Path, shell: &str) -> Command {
+    running("child", path, shell)
+}
+
+fn running(name: &str, path: &Path, shell: &str) -> Command {
     let mut command = Command::new("sh");
     command
         .arg("-c")
-        .arg(format!("{shell} exec \"$0\" --exact child --ignored --nocapture"))
+        .arg(format!("{shell} exec \"$0\" --exact {name} --ignored --nocapture"))
         .arg(std::env::current_exe().unwrap())
         .env("FARSIGHT_POINTS_CHILD", path)
         .stdout(Stdio::null());
@@ -65,6 +69,59 @@ fn killed_at_any_instant_the_old_file_or_the_new_one_is_there() {
     assert!(unfinished > 10 && left_behind > 5, "{unfinished} unfinished, {left_behind} with scratch files");
     build_points(&surface(500, 1), &path, &options()).unwrap();
     assert_eq!(folder.names(), ["a.points"]);
+}
+
+/// As [`child`], from a LAS file, and able to go on.
+#[cfg(feature = "las")]
+#[test]
+#[ignore = "only as a child of the other tests"]
+fn resuming_child() {
+    use farsight_points::{Input, LasOptions, Progress, Stage, build};
+    let Some(path) = std::env::var_os("FARSIGHT_POINTS_CHILD").map(PathBuf::from) else { return };
+    let dies = std::env::var_os("FARSIGHT_POINTS_DIES").is_some();
+    let mut options = options();
+    options.resume = true;
+    let progress = |p: Progress| {
+        // As by a kill: nothing is cleaned up.
+        if dies && p.stage == Stage::Build && p.done > p.total / 2 {
+            std::process::abort();
+        }
+        std::ops::ControlFlow::Continue(())
+    };
+    let input = Input::las(&[path.with_extension("las")], &LasOptions::default()).unwrap();
+    let report = build(input, &path, &options, &progress).unwrap();
+    std::process::exit(if report.cost.counters.get("resumed") == 1 { 11 } else { 12 });
+}
+
+#[cfg(feature = "las")]
+#[test]
+fn a_killed_build_goes_on_where_it_was_and_ends_the_same() {
+    use farsight_points::{Input, LasOptions, build, no_progress};
+    let folder = Folder::new("resume");
+    let path = folder.path("a.points");
+    let las = path.with_extension("las");
+    std::fs::write(&las, common::las_bytes(&surface(600_000, 3))).unwrap();
+    build(Input::las(&[&las], &LasOptions::default()).unwrap(), &path, &options(), &no_progress).unwrap();
+    let expected = std::fs::read(&path).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    let run = |dies: bool| {
+        let mut command = running("resuming_child", &path, "");
+        command.stderr(Stdio::null());
+        if dies {
+            command.env("FARSIGHT_POINTS_DIES", "1");
+        }
+        command.status().unwrap().code()
+    };
+    assert_eq!(run(true), None, "died by a signal");
+    assert!(folder.names().len() > 2 && !path.exists());
+    assert_eq!(run(false), Some(11), "resumed");
+    assert!(std::fs::read(&path).unwrap() == expected);
+    assert_eq!(folder.names(), ["a.las", "a.points"]);
+    // Another input is not taken for the same.
+    assert_eq!(run(true), None);
+    std::fs::write(&las, common::las_bytes(&surface(600_000, 4))).unwrap();
+    assert_eq!(run(false), Some(12), "done anew");
+    assert_eq!(folder.names(), ["a.las", "a.points"]);
 }
 
 #[test]

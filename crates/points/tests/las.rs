@@ -174,7 +174,7 @@ fn mutated_files_give_errors_or_points() {
     // The decoder's panics are caught; they need not fill the screen.
     std::panic::set_hook(Box::new(|_| ()));
     let mut random = Random(9);
-    for (path, rounds) in [(&las, 1500), (&laz, 1500)] {
+    for (path, rounds) in [(&las, 400), (&laz, 400)] {
         let bytes = std::fs::read(path).unwrap();
         let (mut refused, mut built) = (0, 0);
         for _ in 0..rounds {
@@ -198,7 +198,7 @@ fn mutated_files_give_errors_or_points() {
                 Err(_) => refused += 1,
             }
         }
-        assert!(refused > 50 && built > 50, "{refused} {built}");
+        assert!(refused > 30 && built > 30, "{refused} {built}");
     }
     let _ = std::panic::take_hook();
 }

@@ -205,6 +205,8 @@ pub(super) struct Means {
     pub threads: usize,
     /// Bytes for all buckets in work.
     pub memory: u64,
+    /// Bytes for records that wait in memory. What they do not take any more, a single large bucket may have.
+    pub resident: u64,
     /// Bytes that a point needs while its bucket is worked on, for short and for long records.
     pub point_bytes: [u64; 2],
 }
@@ -242,7 +244,9 @@ pub(super) fn commit<const W: usize>(
         let mut worker = Worker::<W>::new(frame, shape, attribute_bytes);
         // Whoever leaves, for whatever reason, wakes those who wait.
         let _wake = Wake(&changed);
-        while let Some((number, mut bucket, block, bytes)) = next_bucket(lock(), &changed, means, abort)? {
+        while let Some((number, mut bucket, block, bytes)) =
+            next_bucket(lock(), &changed, means, held, abort)?
+        {
             let outcome = worker.process(&mut bucket, held, block)?;
             abort.advance(Stage::Build, bucket.points, total)?;
             lock().finished.insert(number, (outcome, bytes));
@@ -271,17 +275,19 @@ fn next_bucket<const W: usize>(
     mut shared: MutexGuard<'_, Shared<W>>,
     changed: &Condvar,
     means: Means,
+    held: &Held,
     abort: &Abort<'_>,
 ) -> Result<Option<Taken>, PointsError> {
     loop {
         abort.check()?;
         let Some(bucket) = shared.waiting.last() else { return Ok(None) };
         let needed = bucket.points * means.point_bytes[usize::from(!bucket.compact)];
-        if needed > means.memory {
-            let what = "the points of one position";
-            return Err(PointsError::Memory { what, needed, limit: means.memory });
+        let alone = shared.granted == 0;
+        let limit = means.memory + if alone { means.resident.saturating_sub(held.bytes()) } else { 0 };
+        if alone && needed > limit {
+            return Err(PointsError::Memory { what: "the points of one position", needed, limit });
         }
-        if shared.granted + needed <= means.memory {
+        if shared.granted + needed <= limit {
             let bucket = shared.waiting.pop().expect("just seen");
             let number = shared.taken;
             shared.taken += 1;

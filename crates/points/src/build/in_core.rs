@@ -3,7 +3,7 @@
 use super::abort::Abort;
 use super::count::count;
 use super::no_progress;
-use super::partition::{Bucket, Held, Limits, partition};
+use super::partition::{Bucket, Held, Limits, partition, split_large};
 use super::source::Blocks;
 use super::thread_count;
 use crate::frame::Frame;
@@ -61,6 +61,7 @@ pub(crate) fn sequential(
     let held = Held::default();
     let limits = Limits { threads, resident: usize::MAX, bucket_points };
     let buckets = partition::<0>(&blocks, &counted, limits, None, &held, &abort)?;
+    let buckets = split_large::<0>(buckets, frame.bits, limits, None, &held, &abort)?;
     drop((blocks, counted));
     let deepest = depth.map_or(frame.bits, |d| d.min(frame.bits));
     let shape = Shape { bits: frame.bits, deepest, inner: u32::MAX, merge: 0 };

@@ -26,19 +26,21 @@ pub(super) struct Bucket {
     pub points: u64,
     /// Whether its records are short.
     pub compact: bool,
-    pieces: Vec<Piece>,
+    pub pieces: Vec<Piece>,
 }
 
+/// Some records of a bucket.
 #[derive(Debug)]
-enum Piece {
+pub(super) enum Piece {
     Memory(Vec<u64>),
     Spilled { file: Arc<SpillFile>, offset: u64, words: usize },
 }
 
+/// Records on disk.
 #[derive(Debug)]
-struct SpillFile {
-    file: File,
-    path: PathBuf,
+pub(super) struct SpillFile {
+    pub file: File,
+    pub path: PathBuf,
 }
 
 /// Words, about, that are read back at once.
@@ -49,6 +51,11 @@ const PIECE_WORDS: usize = 1 << 17;
 pub(super) struct Held(AtomicUsize);
 
 impl Held {
+    /// The same in bytes.
+    pub fn bytes(&self) -> u64 {
+        8 * self.0.load(Ordering::Relaxed) as u64
+    }
+
     fn add(&self, words: usize) -> usize {
         self.0.fetch_add(words, Ordering::Relaxed) + words
     }
@@ -93,6 +100,18 @@ impl Piece {
             Self::Memory(words) => words.len(),
             Self::Spilled { words, .. } => *words,
         }
+    }
+
+    /// Moves what is in memory to the end of a file.
+    pub fn spill_to(&mut self, file: &Arc<SpillFile>, end: &mut u64, held: &Held) -> Result<(), PointsError> {
+        if let Self::Memory(chunk) = self {
+            (&file.file).write_all(bytemuck::cast_slice(chunk)).map_err(PointsError::io(&file.path))?;
+            held.remove(chunk.capacity());
+            let (offset, words) = (*end, chunk.len());
+            *end += 8 * words as u64;
+            *self = Self::Spilled { file: Arc::clone(file), offset, words };
+        }
+        Ok(())
     }
 
     /// The records as words. What lay in memory is the caller's from now on.
@@ -160,7 +179,6 @@ struct Lane<'a> {
     spilled: Vec<Vec<Piece>>,
     free: [Vec<Vec<u64>>; 2],
     file: Option<(Arc<SpillFile>, u64)>,
-    number: usize,
 }
 
 impl<'a> Lane<'a> {
@@ -171,7 +189,6 @@ impl<'a> Lane<'a> {
         held: &'a Held,
         limits: Limits,
     ) -> Self {
-        static NUMBER: AtomicUsize = AtomicUsize::new(0);
         let buckets = cut.cells.len();
         // All part-filled chunks together take a quarter of the memory at most.
         let words = (limits.resident / (4 * limits.threads * buckets.max(1))).clamp(32 + 4 * W, 8192);
@@ -189,7 +206,6 @@ impl<'a> Lane<'a> {
             spilled: (0..buckets).map(|_| Vec::new()).collect(),
             free: [Vec::new(), Vec::new()],
             file: None,
-            number: NUMBER.fetch_add(1, Ordering::Relaxed),
         }
     }
 
@@ -256,7 +272,7 @@ impl<'a> Lane<'a> {
 
     fn spill(&mut self, bucket: usize, scratch: &Scratch) -> Result<(), PointsError> {
         if self.file.is_none() {
-            let (file, path) = scratch.create(&format!("spill-{}", self.number))?;
+            let (file, path) = scratch.create(&free_name(scratch))?;
             self.file = Some((Arc::new(SpillFile { file, path }), 0));
         }
         let (file, end) = self.file.as_mut().expect("just made");
@@ -297,6 +313,17 @@ impl<'a> Lane<'a> {
     }
 }
 
+/// A name for a spill file that is not taken, not even by an earlier process.
+fn free_name(scratch: &Scratch) -> String {
+    static NUMBER: AtomicUsize = AtomicUsize::new(0);
+    loop {
+        let name = format!("spill-{}", NUMBER.fetch_add(1, Ordering::Relaxed));
+        if !scratch.path(&name).exists() {
+            return name;
+        }
+    }
+}
+
 /// Distributes all points of the input. Without scratch files everything stays in memory.
 pub(super) fn partition<const W: usize>(
     blocks: &Blocks<'_>,
@@ -327,7 +354,7 @@ pub(super) fn partition<const W: usize>(
         abort.advance(Stage::Partition, block.points as u64, total)?;
         Ok(true)
     })?;
-    split_large::<W>(buckets, frame.bits, limits, scratch, held, abort)
+    Ok(buckets)
 }
 
 /// A point that was not there when the box was taken.
@@ -362,7 +389,7 @@ fn distribute<const W: usize>(
 }
 
 /// Cuts buckets again that hold too much, until they do not or are a single position.
-fn split_large<const W: usize>(
+pub(super) fn split_large<const W: usize>(
     mut buckets: Vec<Bucket>,
     bits: u32,
     limits: Limits,

@@ -18,9 +18,12 @@ pub(super) struct Scratch {
 static COUNTER: AtomicU64 = AtomicU64::new(0);
 
 impl Scratch {
-    /// Makes the folder for an output, and removes those that killed builds of the same output have left.
-    pub fn new(out: &Path) -> Result<Self, PointsError> {
-        remove_abandoned(out)?;
+    /// Makes the folder for an output, and removes those that killed builds of the same output have left; the first one that
+    /// `is_wanted` is taken over instead, which the answer says.
+    pub fn new(out: &Path, is_wanted: impl Fn(&Path) -> bool) -> Result<(Self, bool), PointsError> {
+        if let Some(adopted) = clear_abandoned(out, is_wanted)? {
+            return Ok((adopted, true));
+        }
         loop {
             let number = COUNTER.fetch_add(1, Ordering::Relaxed);
             let id = format!("{}-{number}", std::process::id());
@@ -35,7 +38,7 @@ impl Scratch {
                 let folder = beside(out, &id);
                 let scratch = Self { folder, lock_path, _lock: lock };
                 std::fs::create_dir(&scratch.folder).map_err(PointsError::io(&scratch.folder))?;
-                return Ok(scratch);
+                return Ok((scratch, false));
             }
         }
     }
@@ -70,8 +73,9 @@ pub(super) fn parent(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Removes what builds of the same output have left whose lock no living process holds.
-fn remove_abandoned(out: &Path) -> Result<(), PointsError> {
+/// Removes what builds of the same output have left whose lock no living process holds, but for one that is wanted.
+fn clear_abandoned(out: &Path, is_wanted: impl Fn(&Path) -> bool) -> Result<Option<Scratch>, PointsError> {
+    let mut adopted: Option<Scratch> = None;
     let prefix = beside(out, "");
     let prefix = prefix.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let folder = parent(out);
@@ -90,10 +94,21 @@ fn remove_abandoned(out: &Path) -> Result<(), PointsError> {
         if lock.as_ref().is_some_and(|lock| matches!(lock.try_lock(), Err(TryLockError::WouldBlock))) {
             continue;
         }
-        let _ = std::fs::remove_dir_all(beside(out, id));
-        let _ = std::fs::remove_file(lock_path);
+        let folder = beside(out, id);
+        if adopted.as_ref().is_some_and(|a| a.folder == folder) {
+            continue;
+        }
+        match lock {
+            Some(lock) if adopted.is_none() && is_wanted(&folder) => {
+                adopted = Some(Scratch { folder, lock_path, _lock: lock });
+            }
+            _ => {
+                let _ = std::fs::remove_dir_all(folder);
+                let _ = std::fs::remove_file(lock_path);
+            }
+        }
     }
-    Ok(())
+    Ok(adopted)
 }
 
 /// Reads at an offset without moving anyone's position.

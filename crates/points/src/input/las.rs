@@ -3,7 +3,7 @@
 //! Uncompressed points are not decoded by anyone: the build reads their records from the file where they lie, on all threads.
 
 use super::{Input, Part, RawReader, Source};
-use crate::layout::{Colour, Layout};
+use crate::layout::{Colour, Layout, some_range};
 use crate::{Grid, PointsError};
 use glam::DVec3;
 use std::fs::File;
@@ -162,7 +162,7 @@ impl Header {
         let attributes = match red {
             _ if !options.attributes => vec![],
             Some(red) => [12..red, red + 6..self.record].into_iter().filter(|r| !r.is_empty()).collect(),
-            None => vec![12..self.record],
+            None => some_range(12..self.record),
         };
         let layout =
             Layout { stride: self.record, colour: red.map_or(Colour::None, Colour::Words), attributes };
@@ -230,8 +230,7 @@ impl Decoder {
             other => (other, 12),
         };
         let stride = end + self.layout.attribute_bytes();
-        let attributes = if stride > end { vec![end..stride] } else { vec![] };
-        Layout { stride, colour, attributes }
+        Layout { stride, colour, attributes: some_range(end..stride) }
     }
 }
 

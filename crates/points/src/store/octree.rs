@@ -284,6 +284,6 @@ impl Octree {
 fn leaf_spacing(extent: DVec3, points: u32) -> f64 {
     let area = extent.x * extent.y + extent.y * extent.z + extent.z * extent.x;
     // Random points leave holes larger than their mean distance.
-    const HOLES: f64 = 1.4;
+    const HOLES: f64 = 1.15;
     HOLES * (area / f64::from(points)).sqrt()
 }

@@ -116,3 +116,29 @@ pub fn all_points(store: &Store) -> Vec<Point> {
     }
     all
 }
+
+/// The points as a LAS 1.2 file of format 2.
+pub fn las_bytes(points: &[Point]) -> Vec<u8> {
+    let grid = grid();
+    let mut h = Vec::with_capacity(227 + 26 * points.len());
+    h.extend(b"LASF");
+    h.extend([0; 20]);
+    h.extend([1, 2]);
+    h.extend([0; 68]);
+    h.extend(227u16.to_le_bytes());
+    h.extend(227u32.to_le_bytes());
+    h.extend(0u32.to_le_bytes());
+    h.push(2);
+    h.extend(26u16.to_le_bytes());
+    h.extend((points.len() as u32).to_le_bytes());
+    h.extend([0; 20]);
+    for v in grid.scale.to_array().into_iter().chain(grid.offset.to_array()).chain([0.0; 6]) {
+        h.extend(v.to_le_bytes());
+    }
+    for p in points {
+        p.position.iter().for_each(|v| h.extend(v.to_le_bytes()));
+        h.extend([0; 8]);
+        p.colour[..3].iter().for_each(|&c| h.extend((u16::from(c) << 8).to_le_bytes()));
+    }
+    h
+}
