@@ -8,6 +8,8 @@ pub use farsight_geometry as geometry;
 pub use farsight_lod as lod;
 #[cfg(feature = "occlusion")]
 pub use farsight_occlusion as occlusion;
+#[cfg(feature = "points")]
+pub use farsight_points as points;
 #[cfg(feature = "shadow")]
 pub use farsight_shadow as shadow;
 #[cfg(feature = "timing")]

@@ -12,6 +12,7 @@ mod geometry;
 mod lod;
 mod occlusion;
 mod plot;
+mod points;
 mod row;
 mod shadow;
 mod timing;
@@ -61,6 +62,11 @@ const SWEEPS: &[Sweep] = &[
         name: "occlusion",
         caption: "Occlusion culling: lost pixels against frame time",
         rows: occlusion::rows,
+    },
+    Sweep {
+        name: "points",
+        caption: "Point clouds: pixels between a point and the drawn one, against the time of a frame",
+        rows: points::rows,
     },
     Sweep {
         name: "shadow",

@@ -1,0 +1,474 @@
+//! The second reading: every point to the bucket of its cell, as a record ready to be sorted.
+//!
+//! Each thread fills chunks of its own, so that nothing is shared but a count of the memory held. Beyond the limit a thread
+//! writes its fullest buckets to a file of its own.
+
+use super::Stage;
+use super::abort::Abort;
+use super::count::{Counted, cell_index, histogram_level};
+use super::cut::{Cut, Wish};
+use super::source::Blocks;
+use super::temp::{Scratch, read_exact_at};
+use crate::PointsError;
+use crate::frame::Cell;
+use crate::layout::Layout;
+use crate::record::{COMPACT_BITS, Compact, Record, Wide};
+use std::fs::File;
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// A cell, and its points as records relative to it.
+#[derive(Debug, Default)]
+pub(super) struct Bucket {
+    pub cell: Cell,
+    pub points: u64,
+    /// Whether its records are short.
+    pub compact: bool,
+    pub pieces: Vec<Piece>,
+}
+
+/// Some records of a bucket.
+#[derive(Debug)]
+pub(super) enum Piece {
+    Memory(Vec<u64>),
+    Spilled { file: Arc<SpillFile>, offset: u64, words: usize },
+}
+
+/// Records on disk.
+#[derive(Debug)]
+pub(super) struct SpillFile {
+    pub file: File,
+    pub path: PathBuf,
+}
+
+/// Words, about, that are read back at once.
+const PIECE_WORDS: usize = 1 << 17;
+
+/// Words that are held in memory, by all threads.
+#[derive(Debug, Default)]
+pub(super) struct Held(AtomicUsize);
+
+impl Held {
+    /// The same in bytes.
+    pub fn bytes(&self) -> u64 {
+        8 * self.0.load(Ordering::Relaxed) as u64
+    }
+
+    fn add(&self, words: usize) -> usize {
+        self.0.fetch_add(words, Ordering::Relaxed) + words
+    }
+
+    fn remove(&self, words: usize) {
+        self.0.fetch_sub(words, Ordering::Relaxed);
+    }
+}
+
+/// Limits of a partition.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    pub threads: usize,
+    /// Words that records may hold in memory.
+    pub resident: usize,
+    /// Most points in a bucket.
+    pub bucket_points: u64,
+}
+
+impl Bucket {
+    /// Moves the records out: those in memory are freed piece by piece.
+    pub fn read<const W: usize, R: Record<W>>(
+        &mut self,
+        held: &Held,
+        out: &mut Vec<R>,
+    ) -> Result<(), PointsError> {
+        out.clear();
+        out.reserve(self.points as usize);
+        let mut buffer = Vec::new();
+        for piece in std::mem::take(&mut self.pieces) {
+            let words = piece.words(held, &mut buffer)?;
+            out.extend(words.chunks_exact(R::WORDS).map(R::from_words));
+        }
+        Ok(())
+    }
+}
+
+impl Piece {
+    /// Words in it.
+    fn len(&self) -> usize {
+        match self {
+            Self::Memory(words) => words.len(),
+            Self::Spilled { words, .. } => *words,
+        }
+    }
+
+    /// Moves what is in memory to the end of a file.
+    pub fn spill_to(&mut self, file: &Arc<SpillFile>, end: &mut u64, held: &Held) -> Result<(), PointsError> {
+        if let Self::Memory(chunk) = self {
+            (&file.file).write_all(bytemuck::cast_slice(chunk)).map_err(PointsError::io(&file.path))?;
+            held.remove(chunk.capacity());
+            let (offset, words) = (*end, chunk.len());
+            *end += 8 * words as u64;
+            *self = Self::Spilled { file: Arc::clone(file), offset, words };
+        }
+        Ok(())
+    }
+
+    /// The records as words. What lay in memory is the caller's from now on.
+    fn words<'a>(self, held: &Held, buffer: &'a mut Vec<u64>) -> Result<&'a [u64], PointsError> {
+        if let Self::Memory(words) = self {
+            held.remove(words.capacity());
+            *buffer = words;
+            return Ok(buffer);
+        }
+        self.read(buffer)?;
+        Ok(buffer)
+    }
+
+    /// The records as words, which the piece keeps.
+    fn peek<'a>(&'a self, buffer: &'a mut Vec<u64>) -> Result<&'a [u64], PointsError> {
+        if let Self::Memory(words) = self {
+            return Ok(words);
+        }
+        self.read(buffer)?;
+        Ok(buffer)
+    }
+
+    fn read(&self, buffer: &mut Vec<u64>) -> Result<(), PointsError> {
+        if let Self::Spilled { file, offset, words } = self {
+            buffer.resize(*words, 0);
+            let bytes = bytemuck::cast_slice_mut(buffer);
+            read_exact_at(&file.file, bytes, *offset).map_err(PointsError::io(&file.path))?;
+        }
+        Ok(())
+    }
+}
+
+/// What has to be known of a bucket to send a point there.
+#[derive(Clone, Copy, Debug)]
+struct Target {
+    compact: bool,
+    /// Bits of a coordinate inside the bucket's cell.
+    mask: u32,
+    /// Words of a record.
+    words: usize,
+}
+
+impl Target {
+    fn new<const W: usize>(cell: &Cell, bits: u32) -> Self {
+        let below = bits - cell.level;
+        let compact = below <= COMPACT_BITS;
+        let words = if compact { Compact::<W>::WORDS } else { Wide::<W>::WORDS };
+        Self { compact, mask: ((1u64 << below) - 1) as u32, words }
+    }
+}
+
+/// What one thread collects.
+struct Lane<'a> {
+    cut: &'a Cut,
+    targets: &'a [Target],
+    /// Bits below a cell of the histogram.
+    below: u32,
+    scratch: Option<&'a Scratch>,
+    held: &'a Held,
+    limits: Limits,
+    /// Words of a chunk of short and of long records.
+    chunk: [usize; 2],
+    open: Vec<Vec<u64>>,
+    full: Vec<Vec<Vec<u64>>>,
+    spilled: Vec<Vec<Piece>>,
+    free: [Vec<Vec<u64>>; 2],
+    file: Option<(Arc<SpillFile>, u64)>,
+}
+
+impl<'a> Lane<'a> {
+    fn new<const W: usize>(
+        cut: &'a Cut,
+        targets: &'a [Target],
+        scratch: Option<&'a Scratch>,
+        held: &'a Held,
+        limits: Limits,
+    ) -> Self {
+        let buckets = cut.cells.len();
+        // All part-filled chunks together take a quarter of the memory at most.
+        let words = (limits.resident / (4 * limits.threads * buckets.max(1))).clamp(32 + 4 * W, 8192);
+        let whole = |record: usize| words / record * record;
+        Self {
+            cut,
+            targets,
+            below: cut.below(),
+            scratch,
+            held,
+            limits,
+            chunk: [whole(Wide::<W>::WORDS), whole(Compact::<W>::WORDS)],
+            open: vec![Vec::new(); buckets],
+            full: vec![Vec::new(); buckets],
+            spilled: (0..buckets).map(|_| Vec::new()).collect(),
+            free: [Vec::new(), Vec::new()],
+            file: None,
+        }
+    }
+
+    /// Adds a point by its coordinates from the corner of the cell that is cut.
+    #[inline(always)]
+    fn push<const W: usize>(
+        &mut self,
+        inside: [u32; 3],
+        rgb: u32,
+        attributes: [u64; W],
+    ) -> Result<(), PointsError> {
+        let bucket = self.cut.bucket_of[cell_index(inside, self.below, self.cut.level)] as usize;
+        let Target { compact, mask, .. } = self.targets[bucket];
+        let record = if compact { Compact::<W>::WORDS } else { Wide::<W>::WORDS };
+        let chunk = &self.open[bucket];
+        if chunk.capacity() - chunk.len() < record {
+            self.next_chunk(bucket)?;
+        }
+        let own = inside.map(|v| v & mask);
+        let chunk = &mut self.open[bucket];
+        if compact {
+            Compact::pack(own, rgb, attributes).to_words(chunk);
+        } else {
+            Wide::pack(own, rgb, attributes).to_words(chunk);
+        }
+        Ok(())
+    }
+
+    #[cold]
+    fn next_chunk(&mut self, bucket: usize) -> Result<(), PointsError> {
+        let kind = usize::from(self.targets[bucket].compact);
+        let words = self.chunk[kind];
+        let next = self.free[kind].pop().unwrap_or_else(|| Vec::with_capacity(words));
+        let before = std::mem::replace(&mut self.open[bucket], next);
+        if !before.is_empty() {
+            self.full[bucket].push(before);
+        }
+        let all = self.held.add(self.open[bucket].capacity());
+        if let Some(scratch) = self.scratch.filter(|_| all > self.limits.resident) {
+            self.evict(scratch)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the fullest buckets of this thread until it holds three quarters of its share.
+    fn evict(&mut self, scratch: &Scratch) -> Result<(), PointsError> {
+        let share = self.limits.resident / self.limits.threads;
+        let size = |chunks: &Vec<Vec<u64>>| chunks.iter().map(Vec::capacity).sum::<usize>();
+        let mut order: Vec<(usize, usize)> =
+            self.full.iter().enumerate().map(|(b, chunks)| (size(chunks), b)).filter(|o| o.0 > 0).collect();
+        order.sort_unstable_by(|a, b| b.cmp(a));
+        let mut mine: usize =
+            order.iter().map(|o| o.0).sum::<usize>() + self.open.iter().map(Vec::capacity).sum::<usize>();
+        for (words, bucket) in order {
+            if mine <= share / 4 * 3 {
+                break;
+            }
+            self.spill(bucket, scratch)?;
+            self.held.remove(words);
+            mine -= words;
+        }
+        Ok(())
+    }
+
+    fn spill(&mut self, bucket: usize, scratch: &Scratch) -> Result<(), PointsError> {
+        if self.file.is_none() {
+            let (file, path) = scratch.create(&free_name(scratch))?;
+            self.file = Some((Arc::new(SpillFile { file, path }), 0));
+        }
+        let (file, end) = self.file.as_mut().expect("just made");
+        let mut pieces = Vec::new();
+        for mut chunk in self.full[bucket].drain(..) {
+            (&file.file).write_all(bytemuck::cast_slice(&chunk)).map_err(PointsError::io(&file.path))?;
+            match pieces.last_mut() {
+                Some(Piece::Spilled { words, .. }) if *words < PIECE_WORDS => *words += chunk.len(),
+                _ => {
+                    let (file, offset, words) = (Arc::clone(file), *end, chunk.len());
+                    pieces.push(Piece::Spilled { file, offset, words });
+                }
+            }
+            *end += 8 * chunk.len() as u64;
+            chunk.clear();
+            // A few are kept for the next chunks; the allocator has the rest.
+            let free = &mut self.free[usize::from(self.targets[bucket].compact)];
+            if free.len() < 16 {
+                free.push(chunk);
+            }
+        }
+        self.spilled[bucket].extend(pieces);
+        Ok(())
+    }
+
+    /// Hands everything over.
+    fn finish(self, buckets: &Mutex<Vec<Bucket>>) {
+        let mut buckets = buckets.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let parts = self.open.into_iter().zip(self.full).zip(self.spilled).zip(self.targets);
+        for (bucket, (((open, full), spilled), target)) in buckets.iter_mut().zip(parts) {
+            let before = bucket.pieces.len();
+            bucket.pieces.extend(spilled);
+            bucket.pieces.extend(full.into_iter().map(Piece::Memory));
+            bucket.pieces.extend((!open.is_empty()).then_some(Piece::Memory(open)));
+            let words: usize = bucket.pieces[before..].iter().map(Piece::len).sum();
+            bucket.points += (words / target.words) as u64;
+        }
+    }
+}
+
+/// A name for a spill file that is not taken, not even by an earlier process.
+fn free_name(scratch: &Scratch) -> String {
+    static NUMBER: AtomicUsize = AtomicUsize::new(0);
+    loop {
+        let name = format!("spill-{}", NUMBER.fetch_add(1, Ordering::Relaxed));
+        if !scratch.path(&name).exists() {
+            return name;
+        }
+    }
+}
+
+/// Distributes all points of the input. Without scratch files everything stays in memory.
+pub(super) fn partition<const W: usize>(
+    blocks: &Blocks<'_>,
+    counted: &Counted,
+    limits: Limits,
+    scratch: Option<&Scratch>,
+    held: &Held,
+    abort: &Abort<'_>,
+) -> Result<Vec<Bucket>, PointsError> {
+    let (frame, total) = (counted.frame, blocks.points());
+    let cut =
+        Cut::new(Cell::default(), frame.bits, &counted.histogram, counted.level, wish(frame.bits, limits));
+    let next = AtomicUsize::new(0);
+    let buckets = distribute::<W>(&cut, limits, scratch, held, abort, |lane| {
+        let i = next.fetch_add(1, Ordering::Relaxed);
+        let Some(block) = blocks.blocks.get(i) else { return Ok(false) };
+        let (part, colour_shift) = (&blocks.parts[block.part], counted.shifts[block.part]);
+        let shift = part.shift.map(|s| s as i32);
+        let mut buffer = Vec::new();
+        for record in blocks.read(i, &mut buffer)?.chunks_exact(part.layout.stride) {
+            let p = Layout::position(record);
+            let local = frame.local([0, 1, 2].map(|k| p[k].wrapping_add(shift[k])));
+            if frame.bits < 32 && (local[0] | local[1] | local[2]) >> frame.bits != 0 {
+                return Err(changed(&part.name));
+            }
+            lane.push(local, part.layout.rgb(record, colour_shift), part.layout.words::<W>(record))?;
+        }
+        abort.advance(Stage::Partition, block.points as u64, total)?;
+        Ok(true)
+    })?;
+    Ok(buckets)
+}
+
+/// A point that was not there when the box was taken.
+fn changed(path: &std::path::Path) -> PointsError {
+    PointsError::Input { path: path.to_owned(), problem: "changed while it was read".into() }
+}
+
+fn wish(bits: u32, limits: Limits) -> Wish {
+    Wish { points: limits.bucket_points, short_from: bits.saturating_sub(COMPACT_BITS) }
+}
+
+/// Lets threads fill lanes until `work` says that there is no more.
+fn distribute<const W: usize>(
+    cut: &Cut,
+    limits: Limits,
+    scratch: Option<&Scratch>,
+    held: &Held,
+    abort: &Abort<'_>,
+    work: impl Fn(&mut Lane<'_>) -> Result<bool, PointsError> + Sync,
+) -> Result<Vec<Bucket>, PointsError> {
+    let targets: Vec<Target> = cut.cells.iter().map(|c| Target::new::<W>(c, cut.bits)).collect();
+    let empty = |(&cell, t): (&Cell, &Target)| Bucket { cell, compact: t.compact, ..Bucket::default() };
+    let buckets = Mutex::new(cut.cells.iter().zip(&targets).map(empty).collect());
+    abort.begin();
+    abort.on_threads(limits.threads, || {
+        let mut lane = Lane::new::<W>(cut, &targets, scratch, held, limits);
+        while work(&mut lane)? {}
+        lane.finish(&buckets);
+        Ok(())
+    })?;
+    Ok(buckets.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner))
+}
+
+/// Cuts buckets again that hold too much, until they do not or are a single position.
+pub(super) fn split_large<const W: usize>(
+    mut buckets: Vec<Bucket>,
+    bits: u32,
+    limits: Limits,
+    scratch: Option<&Scratch>,
+    held: &Held,
+    abort: &Abort<'_>,
+) -> Result<Vec<Bucket>, PointsError> {
+    let mut done = Vec::with_capacity(buckets.len());
+    buckets.reverse();
+    while let Some(bucket) = buckets.pop() {
+        if bucket.points <= limits.bucket_points || bucket.cell.level == bits {
+            done.push(bucket);
+            continue;
+        }
+        let parts = split::<W>(bucket, bits, limits, scratch, held, abort)?;
+        buckets.extend(parts.into_iter().rev());
+    }
+    Ok(done)
+}
+
+fn split<const W: usize>(
+    mut bucket: Bucket,
+    bits: u32,
+    limits: Limits,
+    scratch: Option<&Scratch>,
+    held: &Held,
+    abort: &Abort<'_>,
+) -> Result<Vec<Bucket>, PointsError> {
+    let base = bucket.cell;
+    let level = histogram_level(bucket.points, bits - base.level);
+    let below = bits - base.level - level;
+    let compact = bucket.compact;
+    let histogram = Mutex::new(vec![0u32; 1 << (3 * level)]);
+    // Pieces are looked at once to count and once to move; only the second time they are given up.
+    let next = AtomicUsize::new(0);
+    abort.on_threads(limits.threads, || {
+        let mut mine = vec![0u32; 1 << (3 * level)];
+        let mut buffer = Vec::new();
+        while let Some(piece) = bucket.pieces.get(next.fetch_add(1, Ordering::Relaxed)) {
+            each::<W>(piece.peek(&mut buffer)?, compact, |p, _, _| {
+                let count = &mut mine[cell_index(p, below, level)];
+                *count = count.saturating_add(1);
+                Ok(())
+            })?;
+            abort.check()?;
+        }
+        let mut all = histogram.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        all.iter_mut().zip(&mine).for_each(|(a, b)| *a = a.saturating_add(*b));
+        Ok(())
+    })?;
+    let histogram = histogram.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let cut = Cut::new(base, bits, &histogram, level, wish(bits, limits));
+    let pieces = Mutex::new(std::mem::take(&mut bucket.pieces));
+    distribute::<W>(&cut, limits, scratch, held, abort, |lane| {
+        let piece = pieces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop();
+        let Some(piece) = piece else { return Ok(false) };
+        let mut buffer = Vec::new();
+        each::<W>(piece.words(held, &mut buffer)?, compact, |p, rgb, attributes| {
+            lane.push(p, rgb, attributes)
+        })?;
+        abort.check()?;
+        Ok(true)
+    })
+}
+
+/// Unpacks records.
+fn each<const W: usize>(
+    words: &[u64],
+    compact: bool,
+    mut take: impl FnMut([u32; 3], u32, [u64; W]) -> Result<(), PointsError>,
+) -> Result<(), PointsError> {
+    fn run<const W: usize, R: Record<W>>(
+        words: &[u64],
+        take: &mut impl FnMut([u32; 3], u32, [u64; W]) -> Result<(), PointsError>,
+    ) -> Result<(), PointsError> {
+        words.chunks_exact(R::WORDS).try_for_each(|w| {
+            let r = R::from_words(w);
+            take(r.local(), r.rgb(), r.attributes())
+        })
+    }
+    if compact { run::<W, Compact<W>>(words, &mut take) } else { run::<W, Wide<W>>(words, &mut take) }
+}
