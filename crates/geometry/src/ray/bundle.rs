@@ -6,7 +6,7 @@
 //! time. So a bundle's hits are those of its rays, bit for bit.
 
 use super::Hit;
-use super::exact::{axes, each};
+use super::exact::{Faces, axes, each};
 use super::frame::Frame;
 use super::single::{Best, Place, SHEARED_ERROR, Stack};
 use super::tree::{Block, Node, Tree};
@@ -37,6 +37,8 @@ pub(super) struct Bundle {
     depth: [f64; RAYS],
     /// Depth times this is not negative.
     sign: f32,
+    /// Sides of triangles that count.
+    faces: Faces,
     /// Shear on the pyramid's sides: lower and upper ends of x, then y, in terms of depth times `sign`.
     sides: [[f32; 2]; 2],
     /// Bound on the `f32` error of a sheared coordinate.
@@ -50,7 +52,7 @@ pub(super) struct Bundle {
 }
 
 impl Bundle {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(faces: Faces) -> Self {
         Self {
             axes: [0, 1, 2],
             origin: [0.0; 3],
@@ -60,6 +62,7 @@ impl Bundle {
             spread: [0.0; 2],
             depth: [0.0; RAYS],
             sign: 1.0,
+            faces,
             sides: [[0.0; 2]; 2],
             error: 0.0,
             t: [f64::INFINITY; RAYS],
@@ -268,7 +271,8 @@ impl Bundle {
         let t = sum(u * az, v * bz, w * cz) / det * sz;
         let lanes = first..first + 4;
         let best = f64x4::from_slice(simd, &self.t[lanes.clone()]);
-        let valid = one_sign & t.simd_ge(0.0) & t.simd_le(best) & t.simd_lt(f64::INFINITY) & det.simd_ne(0.0);
+        let counts = det.simd_ne(0.0) & (det * self.faces.unwanted()).simd_le(0.0);
+        let valid = one_sign & t.simd_ge(0.0) & t.simd_le(best) & t.simd_lt(f64::INFINITY) & counts;
         if valid.all_false() {
             return false;
         }
