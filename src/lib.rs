@@ -10,3 +10,5 @@ pub use farsight_occlusion as occlusion;
 pub use farsight_shadow as shadow;
 #[cfg(feature = "timing")]
 pub use farsight_timing as timing;
+#[cfg(feature = "visibility")]
+pub use farsight_visibility as visibility;

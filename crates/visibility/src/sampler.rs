@@ -1,0 +1,356 @@
+//! Sampling of one view cell, wave by wave.
+
+use crate::VisibilityError;
+use crate::bits::Bits;
+use crate::border::Job;
+use crate::cell::ViewCell;
+use crate::occluders::Occluders;
+use crate::options::{Budget, Options};
+use crate::overlap::touches;
+use crate::pvs::Pvs;
+use crate::schedule::{STRATEGIES, Schedule, Strategy};
+use crate::sight::{Sight, Witness};
+use crate::triangles::Triangles;
+use crate::wave::{JOBS_PER_UNIT, RAYS_PER_UNIT, Rays, Scratch, Space, Unit, Wave};
+use farsight_geometry::accuracy::Counters;
+use farsight_geometry::sampling::Halton;
+use farsight_geometry::{Cost, RayCaster};
+use std::collections::VecDeque;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+/// Units in a wave: some for every thread, and few enough that what a wave finds is soon followed.
+const UNITS: usize = 32;
+
+/// Border jobs that wait at most; what comes later is found again or not at all, instead of filling the memory.
+const MOST_WAITING: usize = 1 << 22;
+
+/// Samples what can be seen from a view cell.
+///
+/// Work goes in waves of 32 units that do not depend on one another and are merged in order, so the set is the same for any
+/// number of threads (feature `rayon`) and however a run is cut into pieces.
+///
+/// # Accuracy
+/// Every member of the set can be seen: by a ray that reached it, or by touching the cell. What is missing has no proven
+/// bound; [`validate`](Self::validate) bounds it statistically.
+///
+/// # Cost
+/// Rays are nearly all of it. Memory: two bits a triangle, 4 bytes a visible one (60 with witnesses), 64 a waiting job.
+///
+/// # References
+/// [Wimmer 2007] 5.3. Differs: see `docs/visibility.md`.
+pub struct Sampler<'a, C> {
+    space: Space<'a, C>,
+    members: Bits,
+    /// Triangles whose borders were queued or that touch the cell, in order of discovery.
+    known: Vec<u32>,
+    witnesses: Vec<(u32, Witness)>,
+    queue: VecDeque<Job>,
+    /// Border jobs so far of each member of several triangles.
+    jobs_of: Vec<u32>,
+    schedule: Schedule,
+    halton: Halton,
+    next_random: u32,
+    next_stream: u64,
+    rays: Rays,
+    validation_rays: u64,
+    self_hits: u64,
+    dropped: u64,
+    waves: u64,
+    /// Members after each of the last waves, with the rays until then.
+    history: VecDeque<(u64, u32)>,
+    time: Duration,
+    /// Buffers.
+    units: Vec<(Strategy, Unit)>,
+    jobs: Vec<Job>,
+    scratch: Vec<Scratch>,
+}
+
+impl<'a, C: RayCaster> Sampler<'a, C> {
+    /// Begins a set with the triangles that touch the cell.
+    ///
+    /// `occluders` cast rays at the scene that `triangles` numbers.
+    ///
+    /// # Cost
+    /// A look at the corners of all triangles whose instance is near the cell.
+    ///
+    /// # Errors
+    /// [`VisibilityError::Option`] names an option that is out of its range.
+    pub fn new(
+        triangles: &'a Triangles<'a>,
+        occluders: Occluders<'a, C>,
+        cell: &'a ViewCell,
+        options: Options,
+    ) -> Result<Self, VisibilityError> {
+        options.check()?;
+        let all = triangles.bounds().union(*cell.bounds());
+        let largest = all.min.abs().max(all.max.abs()).max_element();
+        let seen = Bits::new(triangles.count());
+        let mut sampler = Self {
+            space: Space { triangles, occluders, cell, options, seen, largest },
+            members: Bits::new(triangles.members()),
+            known: Vec::new(),
+            witnesses: Vec::new(),
+            queue: VecDeque::new(),
+            jobs_of: vec![0; if triangles.is_grouped() { triangles.members() as usize } else { 0 }],
+            schedule: Schedule::default(),
+            halton: Halton::new(options.seed),
+            next_random: 0,
+            next_stream: 0,
+            rays: Rays::default(),
+            validation_rays: 0,
+            self_hits: 0,
+            dropped: 0,
+            waves: 0,
+            history: VecDeque::new(),
+            time: Duration::ZERO,
+            units: Vec::with_capacity(UNITS),
+            jobs: Vec::new(),
+            scratch: vec![Scratch::default(); UNITS],
+        };
+        for (triangle, corners) in triangles.near(cell.bounds()) {
+            if touches(cell, corners) {
+                sampler.space.seen.insert(triangle);
+                sampler.known.push(triangle);
+                sampler.add_member(triangle, Witness::Touches(triangle));
+            }
+        }
+        Ok(sampler)
+    }
+
+    /// Samples until the budget is used up. Going on later with a larger budget gives what one run would have given.
+    pub fn run(&mut self, budget: &Budget) {
+        let _ = self.run_with(budget, |_| ControlFlow::Continue(()));
+    }
+
+    /// As [`run`](Self::run), telling `progress` after every wave, which may break off. What was found stays, and the run
+    /// can go on.
+    pub fn run_with(
+        &mut self,
+        budget: &Budget,
+        mut progress: impl FnMut(&Self) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        let start = Instant::now();
+        while !self.is_done(budget, start.elapsed()) {
+            self.wave();
+            progress(self)?;
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn is_done(&self, budget: &Budget, elapsed: Duration) -> bool {
+        let settled =
+            budget.new_per_million.is_some_and(|limit| self.new_per_million().is_some_and(|new| new < limit));
+        // Without triangles there is nothing to be seen.
+        self.space.triangles.count() == 0
+            || self.rays.all() >= budget.rays
+            || settled
+            || budget.time.is_some_and(|limit| elapsed >= limit)
+    }
+
+    /// New members in the last million rays, once there were as many.
+    pub fn new_per_million(&self) -> Option<f64> {
+        let (first, last) = (self.history.front()?, self.history.back()?);
+        let rays = last.0 - first.0;
+        (rays >= 1_000_000).then(|| f64::from(last.1 - first.1) * 1e6 / rays as f64)
+    }
+
+    fn wave(&mut self) {
+        let start = Instant::now();
+        self.plan();
+        let wave = Wave { jobs: &self.jobs, known: &self.known, halton: self.halton };
+        let space = &self.space;
+        let work = self.units.iter().zip(&mut self.scratch);
+        #[cfg(feature = "rayon")]
+        {
+            use rayon::prelude::*;
+            let work: Vec<_> = work.collect();
+            work.into_par_iter().for_each(|(&(_, unit), scratch)| wave.run(space, unit, scratch));
+        }
+        #[cfg(not(feature = "rayon"))]
+        work.for_each(|(&(_, unit), scratch)| wave.run(space, unit, scratch));
+        self.merge();
+        self.waves += 1;
+        self.history.push_back((self.rays.all(), self.members.len()));
+        while self.history.get(1).is_some_and(|next| self.rays.all() - next.0 >= 1_000_000) {
+            self.history.pop_front();
+        }
+        self.time += start.elapsed();
+    }
+
+    /// Chooses the units of the next wave.
+    fn plan(&mut self) {
+        let options = self.space.options;
+        self.units.clear();
+        self.jobs.clear();
+        if self.rays.all() < options.first_random {
+            let missing = (options.first_random - self.rays.all()).div_ceil(RAYS_PER_UNIT as u64);
+            self.push(Strategy::Random, missing.min(UNITS as u64) as usize);
+            return;
+        }
+        let (waiting, any_known) = (self.queue.len(), !self.known.is_empty());
+        let borders_first = options.least_share == 0.0 && options.border;
+        if borders_first {
+            let strategy = if waiting > 0 { Strategy::Border } else { Strategy::Random };
+            // A few seeds at a time, so that most of the set is found by following them.
+            self.push(strategy, if waiting > 0 { UNITS } else { 1 });
+            return;
+        }
+        let usable = [
+            waiting > 0,
+            true,
+            options.mutation && any_known,
+            options.revisit && options.border && any_known,
+        ];
+        let mut given = self.schedule.divide(UNITS, usable, options.least_share);
+        // What a short queue cannot use goes to the others.
+        let most = waiting.div_ceil(JOBS_PER_UNIT);
+        if given[0] > most {
+            let others = self.schedule.divide(
+                given[0] - most,
+                [false, usable[1], usable[2], usable[3]],
+                options.least_share,
+            );
+            given[0] = most;
+            (1..4).for_each(|i| given[i] += others[i]);
+        }
+        for (strategy, units) in STRATEGIES.into_iter().zip(given) {
+            self.push(strategy, units);
+        }
+    }
+
+    /// Appends units of a strategy to the wave.
+    fn push(&mut self, strategy: Strategy, units: usize) {
+        for _ in 0..units {
+            let unit = match strategy {
+                Strategy::Border => {
+                    let (first, count) = (self.jobs.len(), self.queue.len().min(JOBS_PER_UNIT));
+                    if count == 0 {
+                        return;
+                    }
+                    self.jobs.extend(self.queue.drain(..count));
+                    Unit::Border { first }
+                }
+                Strategy::Random => {
+                    let first = self.next_random;
+                    self.next_random = first.wrapping_add(RAYS_PER_UNIT as u32);
+                    Unit::Random { first }
+                }
+                Strategy::Mutation => Unit::Mutation { stream: self.stream() },
+                Strategy::Revisit => Unit::Revisit { stream: self.stream() },
+            };
+            self.units.push((strategy, unit));
+        }
+    }
+
+    fn stream(&mut self) -> u64 {
+        self.next_stream += 1;
+        self.next_stream
+    }
+
+    /// Takes in what the units found, in their order.
+    fn merge(&mut self) {
+        // Out of the way while the rest of the sampler changes.
+        let (units, scratch) = (std::mem::take(&mut self.units), std::mem::take(&mut self.scratch));
+        let (mut found, mut rays) = ([0u64; 4], [0u64; 4]);
+        for (&(strategy, _), scratch) in units.iter().zip(&scratch) {
+            let before = self.members.len();
+            scratch.out.sights.iter().for_each(|sight| self.see(sight));
+            found[strategy as usize] += u64::from(self.members.len() - before);
+            rays[strategy as usize] += scratch.out.rays.all();
+            self.rays.add(&scratch.out.rays);
+            self.self_hits += scratch.out.self_hits;
+        }
+        (self.units, self.scratch) = (units, scratch);
+        for strategy in STRATEGIES {
+            self.schedule.record(strategy, found[strategy as usize], rays[strategy as usize]);
+        }
+    }
+
+    /// Takes in a line of sight; that to a new triangle is followed to its neighbours.
+    fn see(&mut self, sight: &Sight) {
+        if !self.space.seen.insert(sight.triangle) {
+            return;
+        }
+        self.add_member(sight.triangle, Witness::Ray(*sight));
+        if self.space.triangles.is_grouped() {
+            let jobs = &mut self.jobs_of[self.space.triangles.member(sight.triangle) as usize];
+            if *jobs >= self.space.options.jobs_per_member {
+                return;
+            }
+            *jobs += 1;
+        }
+        self.known.push(sight.triangle);
+        if !self.space.options.border {
+            return;
+        }
+        if self.queue.len() < MOST_WAITING {
+            self.queue.push_back(Job { sight: *sight, tolerance: self.space.options.tolerance[0] });
+        } else {
+            self.dropped += 1;
+        }
+    }
+
+    fn add_member(&mut self, triangle: u32, witness: Witness) {
+        let member = self.space.triangles.member(triangle);
+        if self.members.insert(member) && self.space.options.witnesses {
+            self.witnesses.push((member, witness));
+        }
+    }
+
+    /// The members seen so far.
+    pub fn pvs(&self) -> Pvs {
+        Pvs::from_sorted(self.members.iter())
+    }
+
+    /// Whether a member was seen so far.
+    ///
+    /// # Panics
+    /// When there is no such member.
+    pub fn contains(&self, member: u32) -> bool {
+        assert!(member < self.space.triangles.members(), "no member {member}");
+        self.members.contains(member)
+    }
+
+    /// How many members were seen so far.
+    pub fn len(&self) -> u32 {
+        self.members.len()
+    }
+
+    /// Whether nothing was seen so far.
+    pub fn is_empty(&self) -> bool {
+        self.members.len() == 0
+    }
+
+    /// Every member seen so far with the reason, in order of discovery; empty unless
+    /// [`Options::witnesses`] asks for them.
+    pub fn witnesses(&self) -> &[(u32, Witness)] {
+        &self.witnesses
+    }
+
+    /// Rays shot for the set so far.
+    pub fn rays(&self) -> u64 {
+        self.rays.all()
+    }
+
+    /// Time and work so far. Counters: rays by strategy, waves, border rays that met their own triangle, waiting jobs.
+    pub fn cost(&self) -> Cost {
+        let mut counters = Counters::new();
+        for (name, count) in [
+            ("rays", self.rays.all()),
+            ("random", self.rays.random),
+            ("border", self.rays.border),
+            ("reverse", self.rays.reverse),
+            ("mutation", self.rays.mutation),
+            ("validation", self.validation_rays),
+            ("waves", self.waves),
+            ("self_hits", self.self_hits),
+            ("waiting", self.queue.len() as u64),
+            ("dropped", self.dropped),
+        ] {
+            counters.add(name, count);
+        }
+        let bytes = (self.known.len() * 4 + self.queue.len() * size_of::<Job>()) as u64;
+        Cost { time: self.time, bytes, counters }
+    }
+}
