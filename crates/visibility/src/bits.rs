@@ -20,11 +20,13 @@ impl Bits {
     /// False when it was there already.
     #[inline]
     pub(crate) fn insert(&mut self, n: u32) -> bool {
-        let (word, bit) = (&mut self.words[n as usize >> 6], 1 << (n & 63));
-        let new = *word & bit == 0;
+        let (word, bit) = (&mut self.words[n as usize >> 6], 1u64 << (n & 63));
+        if *word & bit != 0 {
+            return false;
+        }
         *word |= bit;
-        self.count += u32::from(new);
-        new
+        self.count += 1;
+        true
     }
 
     pub(crate) fn len(&self) -> u32 {

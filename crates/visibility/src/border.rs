@@ -1,10 +1,13 @@
 //! Adaptive border sampling: rays just outside a triangle that was seen, and between them where they meet different things.
+//!
+//! First comes a flood: one ray past the middle of each edge. On a connected surface that finds every neighbour for three rays
+//! a triangle. Only triangles at whose edges the surface breaks off are then sampled all around.
 
 use crate::options::{Bisector, Reverse};
 use crate::reverse;
 use crate::sight::Sight;
 use crate::wave::{Scratch, Space};
-use farsight_geometry::RayCaster;
+use farsight_geometry::{Ray, RayCaster};
 use glam::DVec3;
 
 /// Most rays that one triangle's border gets; what a finer subdivision would find is left to others.
@@ -19,6 +22,64 @@ pub(crate) struct Job {
     pub(crate) sight: Sight,
     /// Angle below which no ray goes between two others.
     pub(crate) tolerance: f64,
+}
+
+/// How much nearer or farther than the triangle's plane, relatively, something past its edge must be for the surface to
+/// break off there.
+const BREAK: f64 = 1e-3;
+
+/// One ray past the middle of each edge of the triangles of `jobs`. Those where the surface breaks off are to be sampled
+/// all around.
+pub(crate) fn flood<C: RayCaster>(space: &Space<C>, jobs: &[Job], scratch: &mut Scratch) {
+    let Scratch { aims, rays, hits, owners, out, .. } = scratch;
+    rays.clear();
+    owners.clear();
+    for (index, job) in jobs.iter().enumerate() {
+        let origin = job.sight.origin;
+        let corners = space.triangles.corners(job.sight.triangle).map(|p| p - origin);
+        aims.clear();
+        middles(corners, space.options.epsilon, space.rounding(), aims);
+        rays.extend(aims.iter().filter_map(|&to| Ray::new(origin, to)));
+        owners.resize(rays.len(), index as u32);
+    }
+    space.occluders.batch(space.triangles, rays, hits, |i, triangle| {
+        out.see(space, Sight { triangle, origin: rays[i].origin(), direction: rays[i].direction() });
+    });
+    out.rays.border += rays.len() as u64;
+    let mut at = 0;
+    for (index, job) in jobs.iter().enumerate() {
+        let Sight { triangle: own, origin, .. } = job.sight;
+        let [a, b, c] = space.triangles.corners(own).map(|p| p - origin);
+        let normal = (b - a).cross(c - a);
+        let mut breaks = false;
+        while owners.get(at) == Some(&(index as u32)) {
+            let direction = rays[at].direction();
+            let met = hits[at].map(|hit| (space.triangles.of_hit(&hit), hit.t));
+            at += 1;
+            let Some((triangle, t)) = met else {
+                breaks = true;
+                continue;
+            };
+            out.self_hits += u64::from(triangle == own);
+            out.see(space, Sight { triangle, origin, direction });
+            let gap = normal.dot(a) / normal.dot(direction) - t;
+            breaks |= gap.is_nan() || gap.abs() > BREAK * t;
+        }
+        if breaks {
+            out.later.push(*job);
+        }
+    }
+}
+
+/// Points past the middles of a triangle's edges by the angle `epsilon`, as seen from the origin; none for an edge seen
+/// end-on.
+fn middles([a, b, c]: [DVec3; 3], epsilon: f64, coarse: f64, points: &mut Vec<DVec3>) {
+    let sign = if a.dot(b.cross(c)) > 0.0 { -1.0 } else { 1.0 };
+    points.extend([[a, b], [b, c], [c, a]].into_iter().filter_map(|[from, to]| {
+        let middle = (from + to) * 0.5;
+        let reach = sign * (epsilon * middle.length()).max(8.0 * coarse);
+        across(from, to).map(|out| middle + out * reach)
+    }));
 }
 
 /// A border ray and what it met.
@@ -38,7 +99,7 @@ pub(crate) struct Sample {
 pub(crate) fn sample<C: RayCaster>(space: &Space<C>, job: &Job, scratch: &mut Scratch) {
     let corners = space.triangles.corners(job.sight.triangle).map(|p| p - job.sight.origin);
     let options = &space.options;
-    let coarse = space.rounding(job.sight.origin);
+    let coarse = space.rounding();
     scratch.aims.clear();
     outline(corners, options.epsilon, coarse, options.bisector, &mut scratch.aims);
     scratch.samples.clear();

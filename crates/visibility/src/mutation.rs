@@ -43,7 +43,7 @@ fn past<C: RayCaster>(
 ) -> Option<DVec3> {
     let corners = space.triangles.corners(triangle).map(|p| p - origin);
     points.clear();
-    outline(corners, reach, space.rounding(origin), Bisector::Outward, points);
+    outline(corners, reach, space.rounding(), Bisector::Outward, points);
     let count = points.len();
     let at = edge * count as f64;
     let (from, to) = (*points.get(at as usize)?, points[(at as usize + 1) % count]);

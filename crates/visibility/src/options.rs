@@ -42,13 +42,15 @@ pub struct Options {
     pub first_random: u64,
     /// Adaptive border sampling: follow what was seen to its neighbours.
     pub border: bool,
+    /// Flood to neighbours with one ray an edge first, and sample all around only where the surface breaks off.
+    pub flood: bool,
     /// Reverse sampling: look past what hides a neighbour.
     pub reverse: Reverse,
     /// Border mutation: look past the edges of what is known, from elsewhere in the cell.
     pub mutation: bool,
     /// Visiting the borders of what is known again, more finely and from elsewhere in the cell.
     pub revisit: bool,
-    /// Share of rays that each strategy gets at least while it can be used: 0 to 0.25. The rest goes by recent yield.
+    /// Share of rays that each strategy gets at least while it can be used: 0 to 0.2. The rest goes by recent yield.
     /// With 0 borders come first and the others wait for them, as in the paper.
     pub least_share: f64,
     /// Border jobs for one member of several triangles; later triangles of it are not followed. At least 1.
@@ -69,6 +71,7 @@ impl Default for Options {
             directions: Directions::Hemisphere,
             first_random: 1 << 17,
             border: true,
+            flood: true,
             reverse: Reverse::Near,
             mutation: true,
             revisit: true,
@@ -87,6 +90,7 @@ impl Options {
         Self {
             tolerance: [5e-5; 2],
             first_random: 0,
+            flood: false,
             mutation: false,
             revisit: false,
             least_share: 0.0,
@@ -111,8 +115,8 @@ impl Options {
         if !(1e-7..=coarse).contains(&fine) {
             return refuse("tolerance[1]", fine, "1e-7 to tolerance[0]");
         }
-        if !(0.0..=0.25).contains(&self.least_share) {
-            return refuse("least_share", self.least_share, "0 to 0.25");
+        if !(0.0..=0.2).contains(&self.least_share) {
+            return refuse("least_share", self.least_share, "0 to 0.2");
         }
         if self.jobs_per_member == 0 {
             return refuse("jobs_per_member", 0.0, "at least 1");

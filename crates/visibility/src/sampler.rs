@@ -8,10 +8,10 @@ use crate::occluders::Occluders;
 use crate::options::{Budget, Options};
 use crate::overlap::touches;
 use crate::pvs::Pvs;
-use crate::schedule::{STRATEGIES, Schedule, Strategy};
+use crate::schedule::{COUNT, STRATEGIES, Schedule, Strategy};
 use crate::sight::{Sight, Witness};
 use crate::triangles::Triangles;
-use crate::wave::{JOBS_PER_UNIT, RAYS_PER_UNIT, Rays, Scratch, Space, Unit, Wave};
+use crate::wave::{FLOODS_PER_UNIT, JOBS_PER_UNIT, RAYS_PER_UNIT, Rays, Scratch, Space, Unit, Wave};
 use farsight_geometry::accuracy::Counters;
 use farsight_geometry::sampling::Halton;
 use farsight_geometry::{Cost, RayCaster};
@@ -45,6 +45,8 @@ pub struct Sampler<'a, C> {
     /// Triangles whose borders were queued or that touch the cell, in order of discovery.
     known: Vec<u32>,
     witnesses: Vec<(u32, Witness)>,
+    /// Triangles to flood from, and to sample all around.
+    floods: VecDeque<Job>,
     queue: VecDeque<Job>,
     /// Border jobs so far of each member of several triangles.
     jobs_of: Vec<u32>,
@@ -91,6 +93,7 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
             members: Bits::new(triangles.members()),
             known: Vec::new(),
             witnesses: Vec::new(),
+            floods: VecDeque::new(),
             queue: VecDeque::new(),
             jobs_of: vec![0; if triangles.is_grouped() { triangles.members() as usize } else { 0 }],
             schedule: Schedule::default(),
@@ -188,32 +191,27 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
             self.push(Strategy::Random, missing.min(UNITS as u64) as usize);
             return;
         }
-        let (waiting, any_known) = (self.queue.len(), !self.known.is_empty());
+        let (floods, waiting, any_known) = (self.floods.len(), self.queue.len(), !self.known.is_empty());
         let borders_first = options.least_share == 0.0 && options.border;
         if borders_first {
-            let strategy = if waiting > 0 { Strategy::Border } else { Strategy::Random };
-            // A few seeds at a time, so that most of the set is found by following them.
-            self.push(strategy, if waiting > 0 { UNITS } else { 1 });
+            match (floods, waiting) {
+                // A few seeds at a time, so that most of the set is found by following them.
+                (0, 0) => self.push(Strategy::Random, 1),
+                (0, _) => self.push(Strategy::Border, UNITS),
+                _ => self.push(Strategy::Flood, UNITS),
+            }
             return;
         }
-        let usable = [
-            waiting > 0,
-            true,
-            options.mutation && any_known,
-            options.revisit && options.border && any_known,
-        ];
-        let mut given = self.schedule.divide(UNITS, usable, options.least_share);
-        // What a short queue cannot use goes to the others.
-        let most = waiting.div_ceil(JOBS_PER_UNIT);
-        if given[0] > most {
-            let others = self.schedule.divide(
-                given[0] - most,
-                [false, usable[1], usable[2], usable[3]],
-                options.least_share,
-            );
-            given[0] = most;
-            (1..4).for_each(|i| given[i] += others[i]);
-        }
+        let revisit = options.revisit && options.border && any_known;
+        let usable = [floods > 0, waiting > 0, true, options.mutation && any_known, revisit];
+        let given = self.schedule.divide(UNITS, usable, options.least_share);
+        // What short queues cannot use goes to the others.
+        let most = [floods.div_ceil(FLOODS_PER_UNIT), waiting.div_ceil(JOBS_PER_UNIT)];
+        let queued = [given[0].min(most[0]), given[1].min(most[1])];
+        let rest = given[0] + given[1] - queued[0] - queued[1];
+        let others = [false, false, usable[2], usable[3], usable[4]];
+        let others = self.schedule.divide(rest, others, options.least_share);
+        let given = [queued[0], queued[1], given[2] + others[2], given[3] + others[3], given[4] + others[4]];
         for (strategy, units) in STRATEGIES.into_iter().zip(given) {
             self.push(strategy, units);
         }
@@ -223,6 +221,14 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
     fn push(&mut self, strategy: Strategy, units: usize) {
         for _ in 0..units {
             let unit = match strategy {
+                Strategy::Flood => {
+                    let (first, count) = (self.jobs.len(), self.floods.len().min(FLOODS_PER_UNIT));
+                    if count == 0 {
+                        return;
+                    }
+                    self.jobs.extend(self.floods.drain(..count));
+                    Unit::Flood { first }
+                }
                 Strategy::Border => {
                     let (first, count) = (self.jobs.len(), self.queue.len().min(JOBS_PER_UNIT));
                     if count == 0 {
@@ -252,10 +258,11 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
     fn merge(&mut self) {
         // Out of the way while the rest of the sampler changes.
         let (units, scratch) = (std::mem::take(&mut self.units), std::mem::take(&mut self.scratch));
-        let (mut found, mut rays) = ([0u64; 4], [0u64; 4]);
+        let (mut found, mut rays) = ([0u64; COUNT], [0u64; COUNT]);
         for (&(strategy, _), scratch) in units.iter().zip(&scratch) {
             let before = self.members.len();
             scratch.out.sights.iter().for_each(|sight| self.see(sight));
+            scratch.out.later.iter().for_each(|job| self.wait(false, *job));
             found[strategy as usize] += u64::from(self.members.len() - before);
             rays[strategy as usize] += scratch.out.rays.all();
             self.rays.add(&scratch.out.rays);
@@ -284,8 +291,15 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         if !self.space.options.border {
             return;
         }
-        if self.queue.len() < MOST_WAITING {
-            self.queue.push_back(Job { sight: *sight, tolerance: self.space.options.tolerance[0] });
+        let tolerance = self.space.options.tolerance[0];
+        self.wait(self.space.options.flood, Job { sight: *sight, tolerance });
+    }
+
+    /// Puts a job into the queue of floods or of borders.
+    fn wait(&mut self, flood: bool, job: Job) {
+        let queue = if flood { &mut self.floods } else { &mut self.queue };
+        if queue.len() < MOST_WAITING {
+            queue.push_back(job);
         } else {
             self.dropped += 1;
         }
@@ -345,12 +359,12 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
             ("validation", self.validation_rays),
             ("waves", self.waves),
             ("self_hits", self.self_hits),
-            ("waiting", self.queue.len() as u64),
+            ("waiting", (self.floods.len() + self.queue.len()) as u64),
             ("dropped", self.dropped),
         ] {
             counters.add(name, count);
         }
-        let bytes = (self.known.len() * 4 + self.queue.len() * size_of::<Job>()) as u64;
+        let bytes = (self.known.len() * 4 + (self.floods.len() + self.queue.len()) * size_of::<Job>()) as u64;
         Cost { time: self.time, bytes, counters }
     }
 }

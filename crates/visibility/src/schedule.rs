@@ -3,14 +3,17 @@
 /// Ways of sampling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Strategy {
+    Flood,
     Border,
     Random,
     Mutation,
     Revisit,
 }
 
-pub(crate) const STRATEGIES: [Strategy; 4] =
-    [Strategy::Border, Strategy::Random, Strategy::Mutation, Strategy::Revisit];
+pub(crate) const STRATEGIES: [Strategy; COUNT] =
+    [Strategy::Flood, Strategy::Border, Strategy::Random, Strategy::Mutation, Strategy::Revisit];
+
+pub(crate) const COUNT: usize = 5;
 
 /// How slowly yields are forgotten, per wave.
 const MEMORY: f64 = 0.8;
@@ -19,12 +22,12 @@ const MEMORY: f64 = 0.8;
 #[derive(Clone, Debug)]
 pub(crate) struct Schedule {
     /// New members per ray; at first everything is promising.
-    yields: [f64; 4],
+    yields: [f64; COUNT],
 }
 
 impl Default for Schedule {
     fn default() -> Self {
-        Self { yields: [1.0; 4] }
+        Self { yields: [1.0; COUNT] }
     }
 }
 
@@ -39,11 +42,11 @@ impl Schedule {
     }
 
     /// Divides `units` among the strategies that can be used, none below `least` of them, the rest by yield.
-    pub(crate) fn divide(&self, units: usize, usable: [bool; 4], least: f64) -> [usize; 4] {
+    pub(crate) fn divide(&self, units: usize, usable: [bool; COUNT], least: f64) -> [usize; COUNT] {
         let usable_yield = |i: usize| if usable[i] { self.yields[i].max(1e-12) } else { 0.0 };
-        let sum: f64 = (0..4).map(usable_yield).sum();
+        let sum: f64 = (0..COUNT).map(usable_yield).sum();
         let count = usable.iter().filter(|u| **u).count() as f64;
-        let mut given = [0; 4];
+        let mut given = [0; COUNT];
         if count == 0.0 {
             return given;
         }
@@ -52,10 +55,10 @@ impl Schedule {
             false => 0.0,
         };
         // Largest remainders get what rounding down leaves.
-        let exact: [f64; 4] = std::array::from_fn(|i| share(i) * units as f64);
-        let mut order = [0, 1, 2, 3];
+        let exact: [f64; COUNT] = std::array::from_fn(|i| share(i) * units as f64);
+        let mut order: [usize; COUNT] = std::array::from_fn(|i| i);
         order.sort_by(|&a, &b| exact[b].fract().total_cmp(&exact[a].fract()).then(a.cmp(&b)));
-        for i in 0..4 {
+        for i in 0..COUNT {
             given[i] = exact[i] as usize;
         }
         let rest = units - given.iter().sum::<usize>().min(units);
@@ -79,9 +82,10 @@ mod tests {
             schedule.record(Strategy::Mutation, 10, 1000);
             schedule.record(Strategy::Revisit, 0, 1000);
         }
-        assert_eq!(schedule.divide(40, [true; 4], 0.1), [26, 4, 6, 4]);
-        assert_eq!(schedule.divide(40, [false, true, false, false], 0.1), [0, 40, 0, 0]);
-        assert_eq!(schedule.divide(40, [false; 4], 0.1), [0; 4]);
-        assert_eq!(schedule.divide(7, [true, true, false, false], 0.25).iter().sum::<usize>(), 7);
+        assert_eq!(schedule.divide(40, [false, true, true, true, true], 0.1), [0, 26, 4, 6, 4]);
+        assert_eq!(schedule.divide(40, [false, false, true, false, false], 0.1), [0, 0, 40, 0, 0]);
+        assert_eq!(schedule.divide(40, [false; COUNT], 0.1), [0; COUNT]);
+        assert_eq!(schedule.divide(7, [true, true, false, false, false], 0.2).iter().sum::<usize>(), 7);
+        assert_eq!(schedule.divide(32, [true; COUNT], 0.2).iter().sum::<usize>(), 32);
     }
 }

@@ -19,6 +19,9 @@ pub(crate) const RAYS_PER_UNIT: usize = 512;
 /// Border jobs in a unit.
 pub(crate) const JOBS_PER_UNIT: usize = 16;
 
+/// Floods in a unit.
+pub(crate) const FLOODS_PER_UNIT: usize = 128;
+
 /// What all units read.
 pub(crate) struct Space<'a, C> {
     pub(crate) triangles: &'a Triangles<'a>,
@@ -32,8 +35,8 @@ pub(crate) struct Space<'a, C> {
 }
 
 impl<C> Space<'_, C> {
-    /// What coordinates near here are rounded to.
-    pub(crate) fn rounding(&self, _origin: DVec3) -> f64 {
+    /// What coordinates are rounded to.
+    pub(crate) fn rounding(&self) -> f64 {
         self.largest * f64::EPSILON
     }
 }
@@ -41,7 +44,9 @@ impl<C> Space<'_, C> {
 /// A unit of work.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Unit {
-    /// Jobs of the wave from `first` on.
+    /// Floods from the jobs of the wave from `first` on.
+    Flood { first: usize },
+    /// Borders of the jobs of the wave from `first` on.
     Border { first: usize },
     /// Random rays from this index on.
     Random { first: u32 },
@@ -78,6 +83,8 @@ impl Rays {
 pub(crate) struct Out {
     /// Sights of triangles that were not seen before the wave, in order.
     pub(crate) sights: Vec<Sight>,
+    /// Triangles to be sampled all around.
+    pub(crate) later: Vec<Job>,
     pub(crate) rays: Rays,
     /// Border rays that met the triangle they should pass.
     pub(crate) self_hits: u64,
@@ -104,6 +111,7 @@ pub(crate) struct Scratch {
     pub(crate) edges: Vec<[u32; 2]>,
     pub(crate) next_edges: Vec<[u32; 2]>,
     pub(crate) stoppers: Vec<u32>,
+    pub(crate) owners: Vec<u32>,
 }
 
 /// What a wave works on, besides the space.
@@ -116,9 +124,14 @@ pub(crate) struct Wave<'a> {
 impl Wave<'_> {
     pub(crate) fn run<C: RayCaster>(&self, space: &Space<C>, unit: Unit, scratch: &mut Scratch) {
         scratch.out.sights.clear();
+        scratch.out.later.clear();
         scratch.out.rays = Rays::default();
         scratch.out.self_hits = 0;
         match unit {
+            Unit::Flood { first } => {
+                let last = (first + FLOODS_PER_UNIT).min(self.jobs.len());
+                border::flood(space, &self.jobs[first..last], scratch);
+            }
             Unit::Border { first } => {
                 let last = (first + JOBS_PER_UNIT).min(self.jobs.len());
                 self.jobs[first..last].iter().for_each(|job| border::sample(space, job, scratch));

@@ -84,6 +84,7 @@ fn casters_that_share_no_tree_give_the_same_set() {
         let mut sampler =
             Sampler::new(triangles, Occluders::opaque(caster), cell, Options::default()).unwrap();
         sampler.run(&Budget::rays(200_000));
+        assert_eq!(sampler.len(), sampler.pvs().len());
         (sampler.pvs(), sampler.cost().counters.get("self_hits"))
     }
     let ours = seen(&triangles, &Bvh8::new(&mesh), &cell);
