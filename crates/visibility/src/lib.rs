@@ -23,13 +23,22 @@
 //! | from where is looked | [`ViewCell`] |
 //! | at what, and what counts as seen | [`Triangles`], [`Occluders`] |
 //! | what is seen | [`Sampler`], [`Options`], [`Budget`] |
+//! | who can prove it | [`Witness`] |
+//! | how much is missing at most | [`Sampler::validate`], [`Missed`], [`upper_bound`] |
+//! | what is done with sets | [`Pvs`] |
+//! | and what would pictures instead of rays find | [`nir()`], [`ItemBuffer`] |
+//! | and with many cells | [`CellGrid`], [`Bake`], [`shard`], [`PvsStore`] |
 //!
 //! Source: Wimmer 2007, chapter 5.
 
+mod bake;
 mod bits;
 mod border;
 mod cell;
+mod codec;
+mod grid;
 mod mutation;
+mod nir;
 mod occluders;
 mod options;
 mod overlap;
@@ -39,17 +48,24 @@ mod reverse;
 mod sampler;
 mod schedule;
 mod sight;
+mod store;
 mod triangles;
+mod validate;
 mod wave;
 
+pub use bake::{Bake, BakedCell, shard};
 pub use cell::ViewCell;
 pub use glam;
+pub use grid::CellGrid;
+pub use nir::{ItemBuffer, NirOptions, NirSet, cube, nir};
 pub use occluders::{Occluders, parted};
-pub use options::{Bisector, Budget, Options, Reverse};
+pub use options::{Bisector, Budget, MissedLimit, Options, Reverse};
 pub use pvs::Pvs;
 pub use sampler::Sampler;
 pub use sight::{Sight, Witness};
+pub use store::{PvsStore, PvsWriter};
 pub use triangles::Triangles;
+pub use validate::{Missed, upper_bound};
 
 use glam::DVec3;
 
@@ -87,6 +103,46 @@ pub enum VisibilityError {
     Runs {
         /// The run.
         index: usize,
+    },
+    /// A grid without cells or with too many.
+    #[error("a grid of {} x {} x {} cells is not possible", counts[0], counts[1], counts[2])]
+    Cells {
+        /// Cells along each axis.
+        counts: [u32; 3],
+    },
+    /// Cells that a grid does not have, or a section has no room for.
+    #[error("cells {start} to {end} are not to be had, of {cells}")]
+    CellRange {
+        /// First cell.
+        start: u32,
+        /// The one after the last.
+        end: u32,
+        /// Cells of the grid.
+        cells: u32,
+    },
+    /// A set holds a number that is no member.
+    #[error("{number} is not one of {members} members")]
+    NotAMember {
+        /// The number.
+        number: u32,
+        /// Members that there are.
+        members: u32,
+    },
+    /// Bytes that hold no sets.
+    #[error("{what} at byte {offset}")]
+    Format {
+        /// What was found.
+        what: &'static str,
+        /// Where.
+        offset: u64,
+    },
+    /// A file could not be read or written.
+    #[error("{path}: {reason}")]
+    File {
+        /// The file.
+        path: String,
+        /// The system's reason.
+        reason: String,
     },
     /// An option is out of its range.
     #[error("{option} cannot be {value}; allowed is {range}")]

@@ -133,13 +133,36 @@ pub struct Budget {
     pub rays: u64,
     /// Fewer new members than this in the last million rays: the paper's criterion, with 50.
     pub new_per_million: Option<f64>,
+    /// Missed pixels proven rare enough, at a confidence that all looks of the sampler share. Looks take rays of their own.
+    pub missed: Option<MissedLimit>,
     /// Time of this run. The only limit that makes results depend on the machine.
     pub time: Option<Duration>,
 }
 
+/// When missed pixels are rare enough: made by [`Budget::missed`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MissedLimit {
+    /// Share of pixels that may show something missing: 1e-9 to 1. Five of a million are 5e-6.
+    pub(crate) share: f64,
+    /// Probability with which that is to hold, above 0 and below 1.
+    pub(crate) confidence: f64,
+}
+
 impl Budget {
+    /// Stops when the share of missed pixels is proven at the confidence, or after `rays`.
+    ///
+    /// # Errors
+    /// [`VisibilityError::Option`] when the share or the confidence is out of its range.
+    pub fn missed(share: f64, confidence: f64, rays: u64) -> Result<Self, VisibilityError> {
+        crate::sampler::check_confidence(confidence)?;
+        if !(1e-9..=1.0).contains(&share) {
+            return Err(VisibilityError::Option { option: "share", value: share, range: "1e-9 to 1" });
+        }
+        Ok(Self { missed: Some(MissedLimit { share, confidence }), ..Self::rays(rays) })
+    }
+
     /// Stops after this many rays in all.
     pub fn rays(rays: u64) -> Self {
-        Self { rays, new_per_million: None, time: None }
+        Self { rays, new_per_million: None, missed: None, time: None }
     }
 }

@@ -5,12 +5,13 @@ use crate::bits::Bits;
 use crate::border::Job;
 use crate::cell::ViewCell;
 use crate::occluders::Occluders;
-use crate::options::{Budget, Options};
+use crate::options::{Budget, MissedLimit, Options};
 use crate::overlap::touches;
 use crate::pvs::Pvs;
 use crate::schedule::{COUNT, STRATEGIES, Schedule, Strategy};
 use crate::sight::{Sight, Witness};
 use crate::triangles::Triangles;
+use crate::validate::{Missed, RAYS_PER_LOOK_UNIT, confidence_of_look, look, rays_to_prove, upper_bound};
 use crate::wave::{FLOODS_PER_UNIT, JOBS_PER_UNIT, RAYS_PER_UNIT, Rays, Scratch, Space, Unit, Wave};
 use farsight_geometry::accuracy::Counters;
 use farsight_geometry::sampling::Halton;
@@ -56,6 +57,11 @@ pub struct Sampler<'a, C> {
     next_stream: u64,
     rays: Rays,
     validation_rays: u64,
+    /// Looks at independent pixels so far, the last bound, and the rays at the last look of a run.
+    looks: u32,
+    missed: Option<Missed>,
+    looked_at: u64,
+    next_look: u64,
     self_hits: u64,
     dropped: u64,
     waves: u64,
@@ -63,6 +69,7 @@ pub struct Sampler<'a, C> {
     history: VecDeque<(u64, u32)>,
     time: Duration,
     /// Buffers.
+    found: Vec<Sight>,
     units: Vec<(Strategy, Unit)>,
     jobs: Vec<Job>,
     scratch: Vec<Scratch>,
@@ -102,11 +109,16 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
             next_stream: 0,
             rays: Rays::default(),
             validation_rays: 0,
+            looks: 0,
+            missed: None,
+            looked_at: 0,
+            next_look: 0,
             self_hits: 0,
             dropped: 0,
             waves: 0,
             history: VecDeque::new(),
             time: Duration::ZERO,
+            found: Vec::new(),
             units: Vec::with_capacity(UNITS),
             jobs: Vec::new(),
             scratch: vec![Scratch::default(); UNITS],
@@ -136,6 +148,9 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         let start = Instant::now();
         while !self.is_done(budget, start.elapsed()) {
             self.wave();
+            if let Some(limit) = budget.missed {
+                self.look_for(limit);
+            }
             progress(self)?;
         }
         ControlFlow::Continue(())
@@ -148,6 +163,7 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         self.space.triangles.count() == 0
             || self.rays.all() >= budget.rays
             || settled
+            || budget.missed.is_some_and(|limit| self.holds(limit))
             || budget.time.is_some_and(|limit| elapsed >= limit)
     }
 
@@ -317,6 +333,88 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         Pvs::from_sorted(self.members.iter())
     }
 
+    /// Looks at `rays` random pixels from viewpoints in the cell, none of which had any part in making the set, and bounds the share of
+    /// pixels that show something missing. What was missing is then added, so the bound holds for the set as it is
+    /// afterwards all the more.
+    ///
+    /// `confidence` is that of this look alone. [`Budget::missed`] has many looks hold together.
+    ///
+    /// # Errors
+    /// [`VisibilityError::Option`] when `confidence` is not above 0 and below 1.
+    pub fn validate(&mut self, rays: u64, confidence: f64) -> Result<Missed, VisibilityError> {
+        check_confidence(confidence)?;
+        let (misses, rays) = self.look(rays, u64::MAX);
+        let missed = Missed::new(misses, rays, confidence);
+        self.missed = Some(missed);
+        Ok(missed)
+    }
+
+    /// The last bound on what is missing.
+    pub fn missed(&self) -> Option<Missed> {
+        self.missed
+    }
+
+    fn holds(&self, limit: MissedLimit) -> bool {
+        self.missed.is_some_and(|m| m.bound.value <= limit.share && m.confidence >= limit.confidence)
+    }
+
+    /// Looks whether a limit is kept, when there was time for the set to grow since the last look.
+    fn look_for(&mut self, limit: MissedLimit) {
+        let needed = |look| rays_to_prove(limit.share, confidence_of_look(limit.confidence, look));
+        // A third more rays than last time, and as many as the look costs.
+        let due = (self.looked_at + self.looked_at / 3).max(self.looked_at + needed(self.looks + 1) / 2);
+        if self.rays.all() < due.max(self.space.options.first_random) || self.holds(limit) {
+            return;
+        }
+        self.looked_at = self.rays.all();
+        self.looks += 1;
+        let confidence = confidence_of_look(limit.confidence, self.looks);
+        let rays = rays_to_prove(limit.share, confidence);
+        let forgiven = (0..).find(|&k| upper_bound(k + 1, rays, confidence) > limit.share).unwrap_or(0);
+        let (misses, shot) = self.look(rays, forgiven);
+        if shot == rays {
+            let missed = Missed::new(misses, rays, confidence);
+            self.missed = Some(Missed { confidence: limit.confidence, ..missed });
+        }
+    }
+
+    /// Shoots view rays, all of them unless more than `most` miss, and adds what was missing.
+    fn look(&mut self, rays: u64, most: u64) -> (u64, u64) {
+        let (mut misses, mut shot) = (0, 0);
+        let mut scratch = std::mem::take(&mut self.scratch);
+        while shot < rays && misses <= most {
+            let first = self.next_look;
+            let left = rays - shot;
+            let space = &self.space;
+            let units = left.div_ceil(RAYS_PER_LOOK_UNIT).min(UNITS as u64);
+            let run = |(i, scratch): (usize, &mut Scratch)| {
+                let done = i as u64 * RAYS_PER_LOOK_UNIT;
+                look(space, first + i as u64, (left - done).min(RAYS_PER_LOOK_UNIT), scratch)
+            };
+            let work = scratch[..units as usize].iter_mut().enumerate();
+            #[cfg(feature = "rayon")]
+            let missed: u64 = {
+                use rayon::prelude::*;
+                let work: Vec<_> = work.collect();
+                work.into_par_iter().map(run).sum()
+            };
+            #[cfg(not(feature = "rayon"))]
+            let missed: u64 = work.map(run).sum();
+            self.next_look += units;
+            misses += missed;
+            shot += left.min(units * RAYS_PER_LOOK_UNIT);
+            // Only now: within one look the set must stay as it is. What this batch missed may be missed again by the next,
+            // which counts twice, as it should.
+            self.found.extend(scratch[..units as usize].iter().flat_map(|s| s.out.sights.iter().copied()));
+        }
+        self.scratch = scratch;
+        let mut found = std::mem::take(&mut self.found);
+        found.drain(..).for_each(|sight| self.see(&sight));
+        self.found = found;
+        self.validation_rays += shot;
+        (misses, shot)
+    }
+
     /// Whether a member was seen so far.
     ///
     /// # Panics
@@ -366,5 +464,14 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         }
         let bytes = (self.known.len() * 4 + (self.floods.len() + self.queue.len()) * size_of::<Job>()) as u64;
         Cost { time: self.time, bytes, counters }
+    }
+}
+
+pub(crate) fn check_confidence(confidence: f64) -> Result<(), VisibilityError> {
+    let (option, value, range) = ("confidence", confidence, "above 0 and below 1");
+    if confidence > 0.0 && confidence < 1.0 {
+        Ok(())
+    } else {
+        Err(VisibilityError::Option { option, value, range })
     }
 }

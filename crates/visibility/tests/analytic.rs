@@ -191,7 +191,7 @@ fn of_a_convex_body_exactly_the_faces_before_a_corner_of_the_cell_are_seen() {
             })
             .collect();
         let cell = ViewCell::from_box(&bounds).unwrap();
-        assert_eq!(seen(&mesh, &cell, 600_000), faces, "from {corner}");
+        assert_eq!(seen(&mesh, &cell, 2_000_000), faces, "from {corner}");
     }
 }
 
