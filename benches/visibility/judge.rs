@@ -41,7 +41,7 @@ impl Judge {
 }
 
 /// Uniform over the sphere, by rejection.
-fn direction(random: &mut Random) -> DVec3 {
+pub fn direction(random: &mut Random) -> DVec3 {
     loop {
         let d = DVec3::from_array(random.units()) * 2.0 - DVec3::ONE;
         if (0.01..1.0).contains(&d.length_squared()) {

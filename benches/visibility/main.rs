@@ -1,52 +1,71 @@
 //! How well view cells are sampled, and what that costs. Every figure is printed beside the floor it is held to.
 //!
-//! `cargo bench --bench visibility` runs everything; `-- --quick` smaller scenes; `-- --only NAME` one part.
+//! ```text
+//! cargo bench --bench visibility                          everything (some minutes); the scan needs FARSIGHT_DATA
+//! cargo bench --bench visibility -- --quick               smaller scenes and budgets
+//! cargo bench --bench visibility -- --only speed          one part: growth, error, speed, correct, bound, store, pictures
+//! cargo bench --bench visibility -- --make-reference      samples the reference sets anew and prints their lines
+//! ```
 
+mod bound;
+mod correct;
+mod growth;
 mod judge;
+mod pictures;
+mod reference;
 mod scenes;
+mod speed;
+mod store;
 
-use farsight_visibility::{Budget, Occluders, Options, Sampler};
-use judge::Judge;
 use scenes::Case;
+use std::error::Error;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let case = match std::env::args().skip_while(|a| a != "--scene").nth(1).as_deref() {
-        Some("igea") => Case::igea()?.unwrap(),
-        Some("cubes") => Case::cubes()?,
-        _ => Case::city(false)?,
-    };
-    let triangles = case.triangles();
-    let judge = Judge::new(&case, 4_000_000);
-    println!("{} {}", case.name, case.mesh.triangles().len());
-    let max: u64 =
-        std::env::args().skip_while(|a| a != "--rays").nth(1).map_or(4_000_000, |a| a.parse().unwrap());
-    let arg =
-        |n: &str, d: f64| std::env::args().skip_while(|a| *a != n).nth(1).map_or(d, |a| a.parse().unwrap());
-    let mut o = match std::env::args().skip_while(|a| a != "--preset").nth(1).as_deref() {
-        Some("paper") => Options::paper(),
-        Some("random") => Options::random(),
-        _ => Options::default(),
-    };
-    o.tolerance = [arg("--t0", o.tolerance[0]), arg("--t1", o.tolerance[1])];
-    o.least_share = arg("--least", o.least_share);
-    o.first_random = arg("--first", o.first_random as f64) as u64;
-    o.seed = arg("--seed", 1.0) as u64;
-    o.mutation = arg("--mut", f64::from(u8::from(o.mutation))) > 0.0;
-    o.revisit = arg("--rev", f64::from(u8::from(o.revisit))) > 0.0;
-    let mut sampler = Sampler::new(&triangles, Occluders::opaque(&case.caster), &case.cell, o)?;
-    let mut at = 200_000;
-    while at <= max {
-        sampler.run(&Budget::rays(at));
-        let c = sampler.cost();
-        println!(
-            "{:>9} rays  set {:>6}  false {:>8.1}/M   {:.2} Ms/s {}",
-            sampler.rays(),
-            sampler.len(),
-            judge.false_per_million(&sampler.pvs()),
-            sampler.rays() as f64 * 1e-6 / c.time.as_secs_f64(),
-            c.counters
-        );
-        at = at * 3 / 2;
+/// What was asked for on the command line.
+pub struct Ask {
+    /// Smaller scenes and budgets.
+    pub quick: bool,
+    only: Option<String>,
+}
+
+impl Ask {
+    fn wants(&self, part: &str) -> bool {
+        self.only.as_deref().is_none_or(|only| only == part)
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().collect();
+    let has = |flag: &str| arguments.iter().any(|a| a == flag);
+    let only = arguments.iter().position(|a| a == "--only").and_then(|i| arguments.get(i + 1)).cloned();
+    let ask = Ask { quick: has("--quick"), only };
+    let mut cases = vec![Case::city(ask.quick)?, Case::cubes()?];
+    match Case::igea()? {
+        Some(case) => cases.insert(1, case),
+        None => println!("without FARSIGHT_DATA the scan is left out"),
+    }
+    if has("--make-reference") {
+        return reference::make(&cases);
+    }
+    for case in &cases {
+        println!("\n{}: {} triangles", case.name, case.mesh.triangles().len());
+        if ask.wants("growth") {
+            growth::report(case, &ask)?;
+        }
+        if ask.wants("speed") {
+            speed::report(case, &ask)?;
+        }
+    }
+    if ask.wants("correct") {
+        correct::report(&cases, &ask)?;
+    }
+    if ask.wants("bound") {
+        bound::report(&cases, &ask)?;
+    }
+    if ask.wants("store") {
+        store::report(&cases[0], &ask)?;
+    }
+    if ask.wants("pictures") {
+        pictures::report(&ask)?;
     }
     Ok(())
 }

@@ -105,6 +105,7 @@ impl Out {
 pub(crate) struct Scratch {
     pub(crate) out: Out,
     pub(crate) aims: Vec<DVec3>,
+    pub(crate) next_aims: Vec<DVec3>,
     pub(crate) hits: Vec<Option<Hit>>,
     pub(crate) rays: Vec<Ray>,
     pub(crate) samples: Vec<Sample>,
@@ -146,8 +147,7 @@ impl Wave<'_> {
             }
             Unit::Mutation { stream } => {
                 let mut random = Random::new(space.options.seed).stream(stream);
-                mutation::aim(space, self.known, &mut random, RAYS_PER_UNIT, scratch);
-                scratch.out.rays.mutation += self.shoot(space, scratch);
+                mutation::sample(space, self.known, &mut random, RAYS_PER_UNIT, scratch);
             }
             Unit::Revisit { stream } => self.revisit(space, stream, scratch),
         }
