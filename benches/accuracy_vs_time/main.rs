@@ -14,6 +14,7 @@ mod plot;
 mod row;
 mod shadow;
 mod timing;
+mod visibility;
 
 use clap::Parser;
 use row::Row;
@@ -65,6 +66,11 @@ const SWEEPS: &[Sweep] = &[
         name: "timing",
         caption: "Rendering-time estimates: estimator and samples against time per frame estimated",
         rows: timing::rows,
+    },
+    Sweep {
+        name: "visibility",
+        caption: "Visibility from a region: rays and methods, missed pixels against time",
+        rows: visibility::rows,
     },
 ];
 

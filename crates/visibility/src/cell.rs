@@ -39,8 +39,8 @@ impl ViewCell {
     /// The region that a body covers.
     ///
     /// # Errors
-    /// [`VisibilityError::EmptyCell`] when it has no point; [`VisibilityError::CellCoordinate`] when one is beyond 1e18, where
-    /// squared distances leave the range of what can be computed with.
+    /// [`VisibilityError::EmptyCell`] when it has no point; [`VisibilityError::CellCoordinate`] when one is beyond 1e24, a
+    /// million times the largest that a mesh can have.
     pub fn new(body: ConvexBody) -> Result<Self, VisibilityError> {
         if body.is_empty() {
             return Err(VisibilityError::EmptyCell);
@@ -146,8 +146,8 @@ impl ViewCell {
     }
 }
 
-/// Largest coordinate of a view cell: squares stay representable.
-const MAX_COORDINATE: f64 = 1e18;
+/// Largest coordinate of a view cell: products of six stay representable.
+const MAX_COORDINATE: f64 = 1e24;
 
 /// Fans of triangles over the faces of a body; none for a segment or a point.
 fn facets(body: &ConvexBody) -> Vec<Facet> {

@@ -77,7 +77,7 @@ pub enum VisibilityError {
     #[error("the view cell is empty")]
     EmptyCell,
     /// A corner of a view cell is not finite or too far away.
-    #[error("a view cell cannot have a corner at {point}; coordinates must be finite and at most 1e18")]
+    #[error("a view cell cannot have a corner at {point}; coordinates must be finite and at most 1e24")]
     CellCoordinate {
         /// The corner.
         point: DVec3,

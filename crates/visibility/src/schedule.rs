@@ -18,16 +18,19 @@ pub(crate) const COUNT: usize = 5;
 /// How slowly yields are forgotten, per wave.
 const MEMORY: f64 = 0.8;
 
+/// Yield of what was not tried yet.
+const UNKNOWN: f64 = 1.0;
+
 /// Recent yields.
 #[derive(Clone, Debug)]
 pub(crate) struct Schedule {
-    /// New members per ray; at first everything is promising.
+    /// New members per ray; one, which is promising, until something is known.
     yields: [f64; COUNT],
 }
 
 impl Default for Schedule {
     fn default() -> Self {
-        Self { yields: [1.0; COUNT] }
+        Self { yields: [UNKNOWN; COUNT] }
     }
 }
 
@@ -37,13 +40,14 @@ impl Schedule {
         if rays > 0 {
             let now = found as f64 / rays as f64;
             let y = &mut self.yields[strategy as usize];
-            *y = MEMORY * *y + (1.0 - MEMORY) * now;
+            *y = if *y == UNKNOWN { now } else { MEMORY * *y + (1.0 - MEMORY) * now };
         }
     }
 
-    /// Divides `units` among the strategies that can be used, none below `least` of them, the rest by yield.
+    /// Divides `units` among the strategies that can be used, none below `least` of them, the rest by the squares of yields: what
+    /// finds half as much waits until the better has run dry.
     pub(crate) fn divide(&self, units: usize, usable: [bool; COUNT], least: f64) -> [usize; COUNT] {
-        let usable_yield = |i: usize| if usable[i] { self.yields[i].max(1e-12) } else { 0.0 };
+        let usable_yield = |i: usize| if usable[i] { self.yields[i].max(1e-9).powi(2) } else { 0.0 };
         let sum: f64 = (0..COUNT).map(usable_yield).sum();
         let count = usable.iter().filter(|u| **u).count() as f64;
         let mut given = [0; COUNT];
@@ -82,7 +86,7 @@ mod tests {
             schedule.record(Strategy::Mutation, 10, 1000);
             schedule.record(Strategy::Revisit, 0, 1000);
         }
-        assert_eq!(schedule.divide(40, [false, true, true, true, true], 0.1), [0, 26, 4, 6, 4]);
+        assert_eq!(schedule.divide(40, [false, true, true, true, true], 0.1), [0, 28, 4, 4, 4]);
         assert_eq!(schedule.divide(40, [false, false, true, false, false], 0.1), [0, 0, 40, 0, 0]);
         assert_eq!(schedule.divide(40, [false; COUNT], 0.1), [0; COUNT]);
         assert_eq!(schedule.divide(7, [true, true, false, false, false], 0.2).iter().sum::<usize>(), 7);
