@@ -197,6 +197,13 @@ fn direction(v: DVec3) -> Option<DVec3> {
 }
 
 #[cfg(test)]
+impl Sample {
+    pub(crate) fn for_test(to: DVec3, met: u32, t: f64) -> Self {
+        Self { to, unit: to.normalize(), met, t }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use farsight_geometry::sampling::Random;
@@ -275,12 +282,5 @@ mod tests {
         }
         finite([a, b, DVec3::new(2.0, 0.0, -4.0)]);
         finite([a, DVec3::new(1e6, 0.0, -2.0), DVec3::new(5e5, 1e-9, -2.0)]);
-    }
-}
-
-#[cfg(test)]
-impl Sample {
-    pub(crate) fn for_test(to: DVec3, met: u32, t: f64) -> Self {
-        Self { to, unit: to.normalize(), met, t }
     }
 }

@@ -45,8 +45,8 @@ impl ViewCell {
         if body.is_empty() {
             return Err(VisibilityError::EmptyCell);
         }
-        let in_range = |v: &&DVec3| !(v.abs().max_element() <= MAX_COORDINATE);
-        if let Some(&point) = body.vertices().iter().find(in_range) {
+        let in_range = |v: &DVec3| v.abs().max_element() <= MAX_COORDINATE;
+        if let Some(&point) = body.vertices().iter().find(|v| !in_range(v)) {
             return Err(VisibilityError::CellCoordinate { point });
         }
         let bounds = body.bounds();

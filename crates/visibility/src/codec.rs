@@ -101,26 +101,36 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     fn rice(&mut self, k: u8) -> Option<u32> {
-        let mut quotient = 0;
-        while quotient < ESCAPE && self.bit()? == 1 {
-            quotient += 1;
+        let quotient = self.window().trailing_ones().min(ESCAPE);
+        if quotient == ESCAPE {
+            self.skip(ESCAPE)?;
+            return self.low(32);
         }
-        match quotient {
-            ESCAPE => self.low(32),
-            // Fits, or the file lies.
-            _ => quotient.checked_mul(1 << k)?.checked_add(self.low(k.into())?),
-        }
+        self.skip(quotient + 1)?;
+        // Fits, or the file lies.
+        quotient.checked_mul(1 << k)?.checked_add(self.low(k.into())?)
     }
 
     fn low(&mut self, count: u32) -> Option<u32> {
-        (0..count).try_fold(0, |n, i| Some(n | self.bit()? << i))
+        let bits = self.window() & ((1 << count) - 1);
+        self.skip(count)?;
+        u32::try_from(bits).ok()
     }
 
-    fn bit(&mut self) -> Option<u32> {
-        let byte = *self.bytes.get(self.at >> 3)?;
-        let bit = byte >> (self.at & 7) & 1;
-        self.at += 1;
-        Some(bit.into())
+    /// The next 57 bits or more; zeros after the end.
+    fn window(&self) -> u64 {
+        let rest = self.bytes.get(self.at >> 3..).unwrap_or_default();
+        let bytes: [u8; 8] = match rest.first_chunk() {
+            Some(&eight) => eight,
+            None => std::array::from_fn(|i| rest.get(i).copied().unwrap_or(0)),
+        };
+        u64::from_le_bytes(bytes) >> (self.at & 7)
+    }
+
+    /// Goes on by some bits; `None` past the end.
+    fn skip(&mut self, count: u32) -> Option<()> {
+        self.at += count as usize;
+        (self.at <= self.bytes.len() * 8).then_some(())
     }
 }
 

@@ -14,7 +14,7 @@ fn presets() -> Vec<Options> {
     let mut printed = Options::paper();
     (printed.bisector, printed.reverse) = (Bisector::Printed, Reverse::Both);
     let mut fine = Options::default();
-    (fine.tolerance, fine.epsilon, fine.first_random) = ([1e-3, 1e-7], 1e-9, 512);
+    (fine.tolerance, fine.epsilon, fine.first_random) = ([1e-3, 1e-5], 1e-9, 512);
     let mut all = vec![Options::default(), Options::paper(), Options::random(), printed, fine];
     all.iter_mut().for_each(|o| (o.witnesses, o.first_random) = (true, o.first_random.min(2000)));
     all
@@ -44,7 +44,7 @@ fn every_preset_survives_every_hard_mesh() {
             for options in presets() {
                 let mut sampler =
                     Sampler::new(&triangles, Occluders::opaque(&caster), cell, options).unwrap();
-                sampler.run(&Budget::rays(4000));
+                sampler.run(&Budget::rays(3000));
                 let missed = sampler.validate(500, 0.9).unwrap();
                 assert!((0.0..=1.0).contains(&missed.bound.value));
                 for &(member, witness) in sampler.witnesses() {
@@ -172,7 +172,8 @@ fn impossible_options_are_refused_by_name() {
     let mesh = TriangleMesh::default();
     let (triangles, caster) = (Triangles::of_mesh(&mesh), Bvh8::new(&mesh));
     let cell = ViewCell::from_box(&DAabb::new(DVec3::ZERO, DVec3::ONE)).unwrap();
-    let changes: [(&str, fn(&mut Options)); 6] = [
+    type Change = fn(&mut Options);
+    let changes: [(&str, Change); 6] = [
         ("epsilon", |o| o.epsilon = f64::NAN),
         ("tolerance[0]", |o| o.tolerance[0] = 0.0),
         ("tolerance[1]", |o| o.tolerance = [1e-3, 1e-2]),
