@@ -14,3 +14,5 @@ pub use farsight_points as points;
 pub use farsight_shadow as shadow;
 #[cfg(feature = "timing")]
 pub use farsight_timing as timing;
+#[cfg(feature = "visibility")]
+pub use farsight_visibility as visibility;

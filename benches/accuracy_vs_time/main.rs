@@ -16,6 +16,7 @@ mod points;
 mod row;
 mod shadow;
 mod timing;
+mod visibility;
 
 use clap::Parser;
 use row::Row;
@@ -77,6 +78,11 @@ const SWEEPS: &[Sweep] = &[
         name: "timing",
         caption: "Rendering-time estimates: estimator and samples against time per frame estimated",
         rows: timing::rows,
+    },
+    Sweep {
+        name: "visibility",
+        caption: "Visibility from a region: rays and methods, missed pixels against time",
+        rows: visibility::rows,
     },
 ];
 

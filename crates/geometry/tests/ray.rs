@@ -684,3 +684,42 @@ fn distances_are_as_accurate_as_documented() {
     println!("worst error of {hits} distances: {worst:e} of the bound's unit");
     assert!(hits > 50_000 && worst < 1e-15, "{hits} hits, {worst:e}");
 }
+
+#[test]
+fn casters_for_front_faces_look_through_backs() {
+    let mesh = confetti(2000, 0.15, 31);
+    let caster = Bvh8::new(&mesh).front_faces_only();
+    let oracle = BruteForce::new(&mesh).front_faces_only();
+    let id = |hit: Option<Hit>| hit.map(|h| h.triangle);
+    let mut behind_backs = 0;
+    for ray in rays_around(&mesh, 3000, 33) {
+        let hit = caster.closest(&ray);
+        assert_eq!(id(hit), id(oracle.closest(&ray)));
+        assert!(hit.is_none_or(|h| !h.back_face));
+        behind_backs += i32::from(BruteForce::new(&mesh).closest(&ray).is_some_and(|h| h.back_face));
+        let mut bundle = [None];
+        caster.closest_bundle(ray.origin(), &[ray.direction()], &mut bundle);
+        // Directions are normalised again, by an ulp.
+        assert_eq!(bundle[0], caster.closest(&Ray::new(ray.origin(), ray.direction()).unwrap()));
+        caster.closest_batch(&[ray], &mut bundle);
+        assert_eq!((bundle[0], caster.occluded(&ray)), (hit, hit.is_some()));
+        if behind_backs > 60 {
+            break;
+        }
+    }
+    assert!(behind_backs > 20);
+    // Coincident front and back: only the front is there. In a mirror the other one is the front.
+    let pair = TriangleMesh::new(vec![Vec3::ZERO, Vec3::X, Vec3::Y], vec![[0, 2, 1], [0, 1, 2]]).unwrap();
+    let down = Ray::new(DVec3::new(0.25, 0.25, 1.0), DVec3::NEG_Z).unwrap();
+    assert_eq!(Bvh8::new(&pair).front_faces_only().closest(&down).unwrap().triangle, 1);
+    let mut scene = Scene::of_mesh(pair);
+    let place =
+        |world_from_mesh| Instance { name: String::new(), mesh: MeshId(0), world_from_mesh, material: None };
+    let mirror = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    scene.add_instance(place(mirror)).unwrap();
+    let caster = SceneCaster::new(&scene).unwrap().front_faces_only();
+    let beside = Ray::new(DVec3::new(-0.25, 0.25, 1.0), DVec3::NEG_Z).unwrap();
+    let (plain, mirrored) = (caster.closest(&down).unwrap(), caster.closest(&beside).unwrap());
+    assert_eq!((plain.instance, plain.triangle, plain.back_face), (0, 1, false));
+    assert_eq!((mirrored.instance, mirrored.triangle, mirrored.back_face), (1, 0, false));
+}

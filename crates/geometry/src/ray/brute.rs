@@ -15,13 +15,20 @@ use glam::DVec3;
 pub struct BruteForce {
     triangles: Vec<[DVec3; 3]>,
     origin: DVec3,
+    front_only: bool,
 }
 
 impl BruteForce {
     /// Copies the mesh's triangles.
     pub fn new(mesh: &TriangleMesh) -> Self {
         let triangles = mesh.corner_iter().map(|t| t.map(|p| p.as_dvec3())).collect();
-        Self { triangles, origin: mesh.origin() }
+        Self { triangles, origin: mesh.origin(), front_only: false }
+    }
+
+    /// The same caster for front faces only.
+    #[must_use]
+    pub fn front_faces_only(self) -> Self {
+        Self { front_only: true, ..self }
     }
 
     /// Every triangle on the ray, in order of id.
@@ -32,7 +39,7 @@ impl BruteForce {
             let (t, [_, v, w], back_face) = crossing(o, d, *corners)?;
             let barycentrics = [v as f32, w as f32];
             let hit = Hit { t, instance: 0, triangle: id as u32, barycentrics, back_face };
-            (t >= t_min && t <= t_max).then_some(hit)
+            (t >= t_min && t <= t_max && !(back_face && self.front_only)).then_some(hit)
         })
     }
 }

@@ -6,7 +6,7 @@
 //! time. So a bundle's hits are those of its rays, bit for bit.
 
 use super::Hit;
-use super::exact::{axes, each};
+use super::exact::{Faces, axes, each};
 use super::frame::Frame;
 use super::single::{Best, Place, SHEARED_ERROR, Stack};
 use super::tree::{Block, Node, Tree};
@@ -26,6 +26,8 @@ const FARTHEST: f64 = 16.0;
 pub(super) struct Bundle {
     /// Axes: two across, then the main one.
     axes: [usize; 3],
+    /// Eights of rays that are in use.
+    groups: usize,
     origin: [f64; 3],
     /// Per ray: x and y per unit of depth, and t per unit of depth.
     shear: [[f64; RAYS]; 3],
@@ -37,6 +39,8 @@ pub(super) struct Bundle {
     depth: [f64; RAYS],
     /// Depth times this is not negative.
     sign: f32,
+    /// Sides of triangles that count.
+    faces: Faces,
     /// Shear on the pyramid's sides: lower and upper ends of x, then y, in terms of depth times `sign`.
     sides: [[f32; 2]; 2],
     /// Bound on the `f32` error of a sheared coordinate.
@@ -50,9 +54,10 @@ pub(super) struct Bundle {
 }
 
 impl Bundle {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(faces: Faces) -> Self {
         Self {
             axes: [0, 1, 2],
+            groups: 0,
             origin: [0.0; 3],
             shear: [[0.0; RAYS]; 3],
             centre: [0.0; 2],
@@ -60,6 +65,7 @@ impl Bundle {
             spread: [0.0; 2],
             depth: [0.0; RAYS],
             sign: 1.0,
+            faces,
             sides: [[0.0; 2]; 2],
             error: 0.0,
             t: [f64::INFINITY; RAYS],
@@ -87,12 +93,15 @@ impl Bundle {
         }
         let axes = axes(directions[0]);
         bundle.axes = axes;
+        bundle.groups = directions.len().div_ceil(8);
         bundle.origin = each(|i| origin[axes[i]]);
         bundle.sign = if directions[0][axes[2]] < 0.0 { -1.0 } else { 1.0 };
         bundle.error = SHEARED_ERROR * (reach as f32).max(1.0);
         bundle.t = [f64::INFINITY; RAYS];
         bundle.key = [f64::from_bits(u64::MAX); RAYS];
-        bundle.limits = [f32::INFINITY; RAYS];
+        // Eights that are not in use have nothing to wait for.
+        bundle.limits = [f32::NEG_INFINITY; RAYS];
+        bundle.limits[..8 * bundle.groups].fill(f32::INFINITY);
         let mut usable = true;
         for group in 0..directions.len().div_ceil(4) {
             usable &= bundle.aim(simd, group, directions, frame.scale());
@@ -228,7 +237,7 @@ impl Bundle {
         let [u, v, w] = each(|edge| each(|i| splat(edges.normals[edge][i][lane & 7])));
         let (margin, nearest) = (splat(edges.margin[lane & 7]), splat(edges.nearest[lane & 7]));
         let mut improved = false;
-        for group in 0..RAYS / 8 {
+        for group in 0..self.groups.min(RAYS / 8) {
             let first = group * 8;
             let x = f32x8::from_slice(simd, &self.offset[0][first..first + 8]);
             let y = f32x8::from_slice(simd, &self.offset[1][first..first + 8]);
@@ -268,7 +277,8 @@ impl Bundle {
         let t = sum(u * az, v * bz, w * cz) / det * sz;
         let lanes = first..first + 4;
         let best = f64x4::from_slice(simd, &self.t[lanes.clone()]);
-        let valid = one_sign & t.simd_ge(0.0) & t.simd_le(best) & t.simd_lt(f64::INFINITY) & det.simd_ne(0.0);
+        let counts = det.simd_ne(0.0) & (det * self.faces.unwanted()).simd_le(0.0);
+        let valid = one_sign & t.simd_ge(0.0) & t.simd_le(best) & t.simd_lt(f64::INFINITY) & counts;
         if valid.all_false() {
             return false;
         }

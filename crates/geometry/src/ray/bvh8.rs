@@ -3,7 +3,7 @@
 use super::build::{self, Item};
 use super::bundle::{Bundle, RAYS};
 use super::collapse::Wide;
-use super::exact::Sheared;
+use super::exact::{Faces, Sheared};
 use super::frame::Frame;
 use super::single::{Best, Place, Stack, Walk, trace};
 use super::tree::{BLOCK, Block, Node, Tree, WIDTH};
@@ -79,6 +79,7 @@ pub struct Bvh8 {
     pub(super) frame: Frame,
     pub(super) tree: Tree,
     pub(super) level: Level,
+    faces: Faces,
     triangles: usize,
 }
 
@@ -115,13 +116,20 @@ impl Bvh8 {
         #[cfg(not(feature = "rayon"))]
         let blocks = leaves.iter().map(block).collect();
         let (tree, triangles) = (Tree { nodes, blocks, bounds }, mesh.triangles().len());
-        Self { frame, tree, level: SimdLevel::Detect.level(), triangles }
+        Self { frame, tree, level: SimdLevel::Detect.level(), faces: Faces::BOTH, triangles }
     }
 
     /// The same caster with other instructions; for measurements.
     #[must_use]
     pub fn with_simd(self, simd: SimdLevel) -> Self {
         Self { level: simd.level(), ..self }
+    }
+
+    /// The same caster for front faces only: rays pass through the backs of triangles, as pictures drawn with back-face
+    /// culling have it.
+    #[must_use]
+    pub fn front_faces_only(self) -> Self {
+        Self { faces: Faces::FRONT, ..self }
     }
 
     /// Number of triangles.
@@ -161,7 +169,7 @@ impl Bvh8 {
 fn trace_one<S: Simd, const ANY: bool>(simd: S, caster: &Bvh8, ray: &Ray, stack: &mut Stack) -> Option<Hit> {
     let bounds = caster.tree.bounds.as_ref()?;
     let (origin, direction) = (caster.frame.point(ray.origin), caster.frame.vector(ray.direction));
-    let sheared = Sheared::new(origin, direction, ray.t_min, ray.t_max);
+    let sheared = Sheared::new(origin, direction, ray.t_min, ray.t_max).with_faces(caster.faces);
     let walk = Walk::new(bounds, origin, direction, &sheared)?;
     let mut best = Best::NONE;
     trace::<S, ANY>(simd, &caster.tree, &sheared, &walk, 0, stack, &mut best);
@@ -190,7 +198,7 @@ impl Turn {
             let (index, best) = (*at, Best::NONE);
             *at += 1;
             let (origin, direction) = (caster.frame.point(ray.origin), caster.frame.vector(ray.direction));
-            let ray = Sheared::new(origin, direction, ray.t_min, ray.t_max);
+            let ray = Sheared::new(origin, direction, ray.t_min, ray.t_max).with_faces(caster.faces);
             if let Some(walk) = Walk::new(bounds, origin, direction, &ray) {
                 let place = Place::start(&walk, &ray, &best);
                 return Some(Self { index, ray, walk, place, best });
@@ -239,7 +247,7 @@ fn trace_bundle<S: Simd>(
     directions: &[DVec3],
     hits: &mut [Option<Hit>],
 ) {
-    let (mut stack, mut bundle) = (Stack::new(), Bundle::new());
+    let (mut stack, mut bundle) = (Stack::new(), Bundle::new(caster.faces));
     for (directions, hits) in directions.chunks(RAYS).zip(hits.chunks_mut(RAYS)) {
         if bundle.set(simd, &caster.frame, origin, directions) {
             bundle.trace(simd, &caster.tree, 0, &mut stack);

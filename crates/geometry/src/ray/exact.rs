@@ -20,6 +20,34 @@ pub(super) struct Sheared {
     pub(super) shear: [f64; 3],
     pub(super) t_min: f64,
     pub(super) t_max: f64,
+    pub(super) faces: Faces,
+}
+
+/// Which sides of triangles count, by the sign of the area that the ray sees.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Faces {
+    /// Times that sign, above zero for what does not count.
+    unwanted: f64,
+}
+
+impl Faces {
+    pub(super) const BOTH: Self = Self { unwanted: 0.0 };
+    pub(super) const FRONT: Self = Self { unwanted: -1.0 };
+
+    /// The same sides seen in a mirror.
+    pub(super) fn mirrored(self, mirrored: bool) -> Self {
+        if mirrored { Self { unwanted: -self.unwanted } } else { self }
+    }
+
+    #[inline(always)]
+    pub(super) fn unwanted(self) -> f64 {
+        self.unwanted
+    }
+
+    #[inline(always)]
+    fn count(self, det: f64) -> bool {
+        det * self.unwanted <= 0.0
+    }
 }
 
 /// A hit of one triangle.
@@ -38,7 +66,13 @@ impl Sheared {
         let axes = axes(direction);
         let d = each(|i| direction[axes[i]]);
         let shear = [d[0] / d[2], d[1] / d[2], 1.0 / d[2]];
-        Self { axes, origin: each(|i| origin[axes[i]]), shear, t_min, t_max }
+        Self { axes, origin: each(|i| origin[axes[i]]), shear, t_min, t_max, faces: Faces::BOTH }
+    }
+
+    /// The same ray for some sides only.
+    #[inline(always)]
+    pub(super) fn with_faces(self, faces: Faces) -> Self {
+        Self { faces, ..self }
     }
 
     /// Tests a triangle whose corners are given in permuted axes.
@@ -53,7 +87,8 @@ impl Sheared {
         let det = sum(u, v, w);
         let t = sum(u * az, v * bz, w * cz) / det * self.shear[2];
         // Also false when det is zero (0/0): the ray lies in the triangle's plane or the triangle has no area.
-        (t >= self.t_min && t <= self.t_max && det != 0.0).then_some(Crossing { t, areas: [v, w, det] })
+        (t >= self.t_min && t <= self.t_max && det != 0.0 && self.faces.count(det))
+            .then_some(Crossing { t, areas: [v, w, det] })
     }
 
     #[inline(always)]

@@ -2,7 +2,7 @@
 
 use super::build::{self, Item};
 use super::bvh8::Bvh8;
-use super::exact::Sheared;
+use super::exact::{Faces, Sheared};
 use super::single::{Best, Stack, Walk, trace};
 use super::tree::{BLOCK, Node};
 use super::{Hit, Ray, RayCaster, SimdLevel};
@@ -49,6 +49,7 @@ pub struct SceneCaster {
     centre: DVec3,
     scale: f64,
     level: Level,
+    faces: Faces,
 }
 
 #[derive(Clone, Debug)]
@@ -113,7 +114,21 @@ impl SceneCaster {
                 }
             }
         }
-        Ok(Self { meshes, placed, nodes, centre, scale, level: SimdLevel::Detect.level() })
+        Ok(Self {
+            meshes,
+            placed,
+            nodes,
+            centre,
+            scale,
+            level: SimdLevel::Detect.level(),
+            faces: Faces::BOTH,
+        })
+    }
+
+    /// The same caster for front faces only, as they are in the world: rays pass through the backs of triangles.
+    #[must_use]
+    pub fn front_faces_only(self) -> Self {
+        Self { faces: Faces::FRONT, ..self }
     }
 
     /// Bytes that the trees hold.
@@ -177,7 +192,8 @@ impl SceneCaster {
         if direction == DVec3::ZERO || !direction.is_finite() || !origin.is_finite() {
             return;
         }
-        let sheared = Sheared::new(origin, direction, ray.t_min(), ray.t_max());
+        let faces = self.faces.mirrored(placed.mirrored);
+        let sheared = Sheared::new(origin, direction, ray.t_min(), ray.t_max()).with_faces(faces);
         let Some(walk) = Walk::new(bounds, origin, direction, &sheared) else { return };
         let before = best.key;
         trace::<S, ANY>(simd, &caster.tree, &sheared, &walk, u64::from(placed.instance), stack, best);

@@ -1,0 +1,171 @@
+//! Sets for a whole grid: every cell is a job of its own.
+
+use crate::VisibilityError;
+use crate::cell::ViewCell;
+use crate::grid::CellGrid;
+use crate::occluders::Occluders;
+use crate::options::{Budget, Options};
+use crate::pvs::Pvs;
+use crate::sampler::Sampler;
+use crate::store::PvsWriter;
+use crate::triangles::Triangles;
+use crate::validate::Missed;
+use farsight_geometry::{Cost, RayCaster};
+use std::io::{Seek, SeekFrom, Write};
+use std::ops::{ControlFlow, Range};
+use std::path::Path;
+
+/// Cells that are sampled side by side, and after which a file is brought up to date.
+const BATCH: u32 = 8;
+
+/// What is baked, and how.
+#[derive(Clone, Debug)]
+pub struct Bake<'a, C> {
+    /// What is looked at.
+    pub triangles: &'a Triangles<'a>,
+    /// What hides it.
+    pub occluders: Occluders<'a, C>,
+    /// From where.
+    pub grid: CellGrid,
+    /// How each cell is sampled; its seed is mixed with the cell's number.
+    pub options: Options,
+    /// When each cell is done.
+    pub budget: Budget,
+}
+
+/// A cell's set, and what stands behind it.
+#[derive(Clone, Debug)]
+pub struct BakedCell {
+    /// The cell.
+    pub cell: u32,
+    /// What is seen from it.
+    pub set: Pvs,
+    /// Bound on what is missing, when the budget asks for one and it was reached or tried.
+    pub missed: Option<Missed>,
+    /// Time and work.
+    pub cost: Cost,
+}
+
+/// The cells of part `part` of `parts`, all but equal in size.
+///
+/// # Panics
+/// When `part` is not below `parts`.
+pub fn shard(grid: &CellGrid, part: u32, parts: u32) -> Range<u32> {
+    assert!(part < parts, "part {part} of {parts}");
+    let end = |part: u32| (u64::from(grid.len()) * u64::from(part) / u64::from(parts)) as u32;
+    end(part)..end(part + 1)
+}
+
+impl<C: RayCaster> Bake<'_, C> {
+    /// The set of one cell. It depends on nothing but the cell, so cells can be baked anywhere in any order.
+    ///
+    /// # Errors
+    /// As [`Sampler::new`].
+    ///
+    /// # Panics
+    /// When the grid has no such cell.
+    pub fn cell(&self, cell: u32) -> Result<BakedCell, VisibilityError> {
+        let region = ViewCell::from_box(&self.grid.cell_box(cell))?;
+        let seed = self.options.seed.wrapping_add(u64::from(cell).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let options = Options { seed, ..self.options };
+        let mut sampler = Sampler::new(self.triangles, self.occluders, &region, options)?;
+        sampler.run(&self.budget);
+        Ok(BakedCell { cell, set: sampler.pvs(), missed: sampler.missed(), cost: sampler.cost() })
+    }
+
+    /// A section with the sets of `cells`. `progress` is told of every cell in order and may break off: then what is done is
+    /// returned, and [`to_file`](Self::to_file) shows how to go on with it.
+    ///
+    /// # Errors
+    /// [`VisibilityError::CellRange`] when the grid does not have the cells.
+    pub fn section(
+        &self,
+        cells: Range<u32>,
+        progress: impl FnMut(&BakedCell) -> ControlFlow<()>,
+    ) -> Result<Vec<u8>, VisibilityError> {
+        let mut writer = PvsWriter::new(self.grid, self.triangles.members(), cells)?;
+        self.fill(&mut writer, progress, |_| Ok(()))?;
+        Ok(writer.bytes().to_vec())
+    }
+
+    /// Bakes into a file. Work in progress stands beside it under the name with `.part` added, whole cells only; when it is
+    /// broken off, by `progress` or by force, the next call goes on from there. The file itself appears when all cells are in it.
+    /// Returns whether it did.
+    ///
+    /// # Errors
+    /// As [`section`](Self::section), and [`VisibilityError::File`].
+    pub fn to_file(
+        &self,
+        path: &Path,
+        cells: Range<u32>,
+        progress: impl FnMut(&BakedCell) -> ControlFlow<()>,
+    ) -> Result<bool, VisibilityError> {
+        let failed = |e: std::io::Error| VisibilityError::File {
+            path: path.display().to_string(),
+            reason: e.to_string(),
+        };
+        let mut part = path.as_os_str().to_owned();
+        part.push(".part");
+        let part = Path::new(&part);
+        let fresh = PvsWriter::new(self.grid, self.triangles.members(), cells.clone())?;
+        let old = std::fs::read(part).unwrap_or_default();
+        let mut writer = fresh.clone().resume(&old).unwrap_or(fresh);
+        let mut options = std::fs::OpenOptions::new();
+        let mut file = options.write(true).create(true).truncate(false).open(part).map_err(failed)?;
+        let kept = if old.starts_with(writer.bytes()) { writer.bytes().len() as u64 } else { 0 };
+        file.set_len(kept).and_then(|()| file.seek(SeekFrom::Start(kept))).map_err(failed)?;
+        let mut written = kept as usize;
+        let save = |writer: &PvsWriter| {
+            file.write_all(&writer.bytes()[written..]).and_then(|()| file.sync_data()).map_err(failed)?;
+            written = writer.bytes().len();
+            Ok(())
+        };
+        self.fill(&mut writer, progress, save)?;
+        let done = writer.next_cell() == cells.end;
+        if done {
+            std::fs::rename(part, path).map_err(failed)?;
+        }
+        Ok(done)
+    }
+
+    /// Bakes what a writer lacks, a batch at a time.
+    fn fill(
+        &self,
+        writer: &mut PvsWriter,
+        mut progress: impl FnMut(&BakedCell) -> ControlFlow<()>,
+        mut save: impl FnMut(&PvsWriter) -> Result<(), VisibilityError>,
+    ) -> Result<(), VisibilityError> {
+        save(writer)?;
+        loop {
+            let first = writer.next_cell();
+            let last = first.saturating_add(BATCH).min(writer.last_cell());
+            if first == last {
+                return Ok(());
+            }
+            let mut go_on = ControlFlow::Continue(());
+            for baked in self.batch(first..last) {
+                let baked = baked?;
+                writer.add(&baked.set)?;
+                go_on = progress(&baked);
+                if go_on.is_break() {
+                    break;
+                }
+            }
+            save(writer)?;
+            if go_on.is_break() {
+                return Ok(());
+            }
+        }
+    }
+
+    #[cfg(feature = "rayon")]
+    fn batch(&self, cells: Range<u32>) -> Vec<Result<BakedCell, VisibilityError>> {
+        use rayon::prelude::*;
+        cells.into_par_iter().map(|cell| self.cell(cell)).collect()
+    }
+
+    #[cfg(not(feature = "rayon"))]
+    fn batch(&self, cells: Range<u32>) -> impl Iterator<Item = Result<BakedCell, VisibilityError>> {
+        cells.map(|cell| self.cell(cell))
+    }
+}

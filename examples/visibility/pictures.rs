@@ -1,0 +1,97 @@
+//! Pictures from the cell with what was missed in red, and of what was kept from above.
+
+use super::input::Input;
+use super::{Arguments, Sampled};
+use farsight_geometry::glam::DVec3;
+use farsight_geometry::scene::Scene;
+use farsight_geometry::{Camera, TriangleMesh};
+use farsight_raster::{Image, Rasteriser, RenderOptions, SceneIds, render_scene};
+use farsight_visibility::Pvs;
+use std::error::Error;
+use std::path::PathBuf;
+
+/// Writes the pictures; returns their paths.
+pub fn write(
+    input: &Input,
+    mesh: &TriangleMesh,
+    all: &[Sampled],
+    arguments: &Arguments,
+) -> Result<Vec<PathBuf>, Box<dyn Error>> {
+    let [width, height] = if arguments.quick { [480, 270] } else { [1600, 900] };
+    let mut options = RenderOptions::default();
+    (options.ids, options.up) = (SceneIds::Triangles, input.up);
+    let mut rasteriser = Rasteriser::new();
+    let mut paths = Vec::new();
+    let eye = input.cell.center() - input.ahead * input.cell.extent().dot(input.ahead.abs()) * 0.45;
+    let camera = Camera::look_at(eye, eye + input.ahead, input.up)?.with_image(width, height)?;
+    let camera = camera.with_range(1e-3 * input.cell.extent().max_element().max(1e-3), f64::INFINITY)?;
+    let (target, _) = render_scene(&mut rasteriser, &input.scene, &camera, &options)?;
+    let (plain, ids) = (Image::from_colour(&target), target.ids().collect::<Vec<_>>());
+    for sampled in all {
+        let missed = |id: u32| id != 0 && !sampled.set.contains(id - 1);
+        let red = ids.iter().filter(|&&id| missed(id)).count();
+        println!("{:<8} {red} of {} pixels of this view are missed", sampled.name, ids.len());
+        let pixels = plain.pixels().iter().zip(&ids).map(|(&pixel, &id)| {
+            // What is seen is paled, so that the misses stand out.
+            let pale = pixel.map(|c| 96 + (u16::from(c) * 5 / 8) as u8);
+            if missed(id) { [255, 0, 0] } else { pale }
+        });
+        let path = arguments.out.join(format!("missed-{}.png", sampled.name));
+        Image::new(width, height, pixels.collect())?.write_png(&path)?;
+        paths.push(path);
+    }
+    let path = arguments.out.join("kept.png");
+    kept(input, mesh, &all[0].set, [width, height])?.write_png(&path)?;
+    paths.push(path);
+    Ok(paths)
+}
+
+/// The set alone, from above the cell.
+fn kept(
+    input: &Input,
+    mesh: &TriangleMesh,
+    set: &Pvs,
+    [width, height]: [u32; 2],
+) -> Result<Image, Box<dyn Error>> {
+    let triangles: Vec<[u32; 3]> = set.iter().map(|t| mesh.triangles()[t as usize]).collect();
+    let seen = TriangleMesh::new(mesh.positions().to_vec(), triangles)?.with_origin(mesh.origin())?;
+    let size = seen.world_bounds().extent().length().max(1e-6);
+    let mut scene = Scene::of_mesh(seen);
+    scene.add_light(farsight_geometry::scene::Light::Directional {
+        direction: (input.ahead * 0.4 - input.up + input.ahead.cross(input.up) * 0.5).normalize(),
+        irradiance: farsight_geometry::glam::Vec3::splat(2.6),
+        angular_radius: 0.005,
+    })?;
+    let middle = input.cell.center();
+    let eye = middle + input.up * size * 0.45 - input.ahead * size * 0.35;
+    let camera =
+        Camera::look_at(eye, middle + input.ahead * size * 0.02, input.up)?.with_image(width, height)?;
+    let mut options = RenderOptions::default();
+    (options.up, options.sky) = (input.up, Some([farsight_geometry::glam::Vec3::splat(0.12); 2]));
+    let (target, _) = render_scene(&mut Rasteriser::new(), &scene, &camera, &options)?;
+    let mut image = Image::from_colour(&target);
+    // The cell's corners, as yellow dots.
+    let mut pixels = image.pixels().to_vec();
+    for at in dots(input).into_iter().filter_map(|p| camera.project(p)) {
+        let (x, y) = (at.0.x as i64, at.0.y as i64);
+        for (dx, dy) in (-2..=2).flat_map(|dx| (-2..=2).map(move |dy| (dx, dy))) {
+            let (x, y) = (x + dx, y + dy);
+            if (0..i64::from(width)).contains(&x) && (0..i64::from(height)).contains(&y) {
+                pixels[(y * i64::from(width) + x) as usize] = [255, 230, 0];
+            }
+        }
+    }
+    image = Image::new(width, height, pixels)?;
+    Ok(image)
+}
+
+/// Points along the cell's edges.
+fn dots(input: &Input) -> Vec<DVec3> {
+    let corners = input.cell.corners();
+    let edges = (0..8).flat_map(|i| [1, 2, 4].map(|bit| (i, i | bit))).filter(|(i, j)| i != j);
+    edges
+        .flat_map(|(i, j): (usize, usize)| {
+            (0..=20).map(move |t| corners[i].lerp(corners[j], f64::from(t) / 20.0))
+        })
+        .collect()
+}
