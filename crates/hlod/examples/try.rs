@@ -1,0 +1,26 @@
+use farsight_geometry::distance::{HausdorffOptions, hausdorff};
+use farsight_hlod::*;
+fn main() {
+    let dir = std::env::var("FARSIGHT_DATA").unwrap();
+    let tier = match std::env::var("TIER").as_deref() { Ok("v") => Tier::Verified, Ok("f") => Tier::Fast, _ => Tier::Guaranteed };
+    let check = std::env::var("CHECK").is_ok();
+    let eps: Vec<f64> = std::env::var("EPS").unwrap_or("128,512,2048".into()).split(',').map(|s| s.parse().unwrap()).collect();
+    for name in std::env::args().skip(1) {
+        let loaded = farsight_geometry::io::load(format!("{dir}/{name}")).unwrap();
+        let mesh = loaded.into_scene().unwrap().flattened().unwrap();
+        let diag = mesh.world_bounds().diagonal();
+        for e in &eps {
+            let tol = diag / e;
+            let start = std::time::Instant::now();
+            let s = simplify(&mesh, tol, &SimplifyOptions::default().with_tier(tier)).unwrap();
+            let t = start.elapsed().as_secs_f64();
+            print!("{name:20} 1/{e:<5} {:6} -> {:6}  claim/eps {:.4}  {:6.1} ktri/s  ", mesh.triangles().len(), s.mesh.triangles().len(), s.geometric.value / tol, mesh.triangles().len() as f64 / t / 1e3);
+            if check {
+                let h = hausdorff(&mesh, &s.mesh, &HausdorffOptions::new(tol * 1e-3).with_max_splits(3_000_000));
+                print!("true/eps [{:.4} {:.4}] fwd {:.4} back {:.4} {}", h.lower / tol, h.upper / tol, h.forward.lower / tol, h.backward.lower / tol, if h.lower > s.geometric.value { "VIOLATION" } else { "ok" });
+            }
+            println!();
+            if std::env::var("COUNTS").is_ok() { println!("   {}", s.cost.counters); }
+        }
+    }
+}

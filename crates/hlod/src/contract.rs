@@ -1,0 +1,498 @@
+//! Contractions that are certified one by one.
+//!
+//! A contraction is made only if every face that it changes gets both certificates: the flood below it, and a cover of
+//! every original triangle that the old faces covered. Nothing else of the surface is looked at, since nothing else changes.
+
+use crate::certify::CertifiedSurface;
+use crate::complex::{Complex, LinkMarks, Marks, link_holds, on_border};
+use crate::cover::Coverer;
+use crate::facet::Facet;
+use crate::fast::{border_quadric, keeps_orientation};
+use crate::flood::Flood;
+use crate::frame::Frame;
+use crate::original::{NONE, Original};
+use crate::quadric::Quadric;
+use glam::DVec3;
+
+/// Passes over the candidates that failed.
+const PASSES: u32 = 5;
+
+/// Faces that a contraction may leave around its vertex; a bit mask has to hold them.
+const MAX_FACES: usize = 60;
+
+/// What the contractions took.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ContractCounts {
+    pub attempts: u64,
+    pub contractions: u64,
+    pub visits: u64,
+    pub pieces: u64,
+    pub quick_failures: u64,
+}
+
+/// A pair that may be contracted, with the state of its ends when that was found.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    u: u32,
+    v: u32,
+    made: [u32; 2],
+}
+
+/// Pairs by the size of their cost: half powers of two, first come first served within.
+#[derive(Clone, Debug)]
+struct Buckets {
+    buckets: Vec<Vec<Pair>>,
+    lowest: usize,
+    /// How many of the lowest bucket are taken.
+    taken: usize,
+}
+
+impl Buckets {
+    /// Costs below 2⁻¹⁰⁰ are equal, as are those above 2²⁷.
+    const COUNT: usize = 256;
+
+    fn new() -> Self {
+        Self { buckets: vec![Vec::new(); Self::COUNT], lowest: 0, taken: 0 }
+    }
+
+    fn key(cost: f64) -> usize {
+        let half_powers = (cost.max(f64::MIN_POSITIVE).to_bits() >> 51) as usize;
+        half_powers.saturating_sub((1023 - 100) << 1).min(Self::COUNT - 1)
+    }
+
+    fn push(&mut self, cost: f64, pair: Pair) {
+        let key = Self::key(cost);
+        if key < self.lowest {
+            self.buckets[self.lowest].drain(..self.taken);
+            (self.lowest, self.taken) = (key, 0);
+        }
+        self.buckets[key].push(pair);
+    }
+
+    fn pop(&mut self) -> Option<(usize, Pair)> {
+        while self.lowest < Self::COUNT {
+            let bucket = &mut self.buckets[self.lowest];
+            if let Some(&pair) = bucket.get(self.taken) {
+                self.taken += 1;
+                return Some((self.lowest, pair));
+            }
+            bucket.clear();
+            (self.lowest, self.taken) = (self.lowest + 1, 0);
+        }
+        self.lowest = 0;
+        None
+    }
+}
+
+/// A face as a contraction would leave it.
+struct NewFace {
+    face: u32,
+    facet: Facet,
+    seed: u32,
+    reach_sq: f64,
+}
+
+/// An original triangle that a contraction has to cover anew.
+struct Gathered {
+    triangle: u32,
+    /// New faces whose floods visited it.
+    visitors: u64,
+    /// New faces that cover it.
+    by: u64,
+    done: bool,
+}
+
+pub(crate) struct Contractor<'a> {
+    original: &'a Original,
+    frame: &'a Frame,
+    state: CertifiedSurface,
+    locked: &'a [bool],
+    tolerance_sq: f64,
+    flood: Flood,
+    coverer: Coverer,
+    links: LinkMarks,
+    queue: Buckets,
+    /// How often a vertex was moved.
+    made: Vec<u32>,
+    /// When a face at the vertex last changed.
+    changed: Vec<u32>,
+    clock: u32,
+    /// Failed pairs and when they failed.
+    failed: Vec<(u32, u32, u32)>,
+    /// The original triangle that the last failure at a vertex was about.
+    culprit: Vec<u32>,
+    is_gathered: Marks,
+    slot: Vec<u32>,
+    gathered: Vec<Gathered>,
+    news: Vec<NewFace>,
+    nearby: Vec<u32>,
+    /// Kept faces that a gathered triangle needs besides new ones: (slot, face).
+    kept: Vec<(u32, u32)>,
+    counts: ContractCounts,
+}
+
+impl<'a> Contractor<'a> {
+    pub(crate) fn new(
+        original: &'a Original,
+        frame: &'a Frame,
+        state: CertifiedSurface,
+        locked: &'a [bool],
+        tolerance_sq: f64,
+    ) -> Self {
+        let (vertices, triangles) = (original.points.len(), original.triangles.len());
+        Self {
+            original,
+            frame,
+            state,
+            locked,
+            tolerance_sq,
+            flood: Flood::new(original),
+            coverer: Coverer::default(),
+            links: LinkMarks::new(vertices),
+            queue: Buckets::new(),
+            made: vec![0; vertices],
+            changed: vec![1; vertices],
+            clock: 1,
+            failed: Vec::new(),
+            culprit: vec![NONE; vertices],
+            is_gathered: Marks::new(triangles),
+            slot: vec![0; triangles],
+            gathered: Vec::new(),
+            news: Vec::new(),
+            nearby: Vec::new(),
+            kept: Vec::new(),
+            counts: ContractCounts::default(),
+        }
+    }
+
+    /// Contracts until every pair has failed since its surroundings last changed.
+    pub(crate) fn run(mut self) -> (CertifiedSurface, ContractCounts) {
+        for u in 0..self.original.points.len() as u32 {
+            self.push_pairs(u, |u, v| u < v);
+        }
+        for pass in 0..PASSES {
+            let before = self.counts.contractions;
+            while let Some((key, pair)) = self.queue.pop() {
+                self.try_pair(key, pair, pass > 0);
+            }
+            if pass > 0 && (self.counts.contractions - before) * 200 < self.state.surface.live as u64 {
+                break;
+            }
+            let failed = std::mem::take(&mut self.failed);
+            for (u, v, when) in failed {
+                let changed = self.changed[u as usize].max(self.changed[v as usize]);
+                if (pass == 0 || changed > when) && !self.state.surface.is_isolated(u) && !self.state.surface.is_isolated(v)
+                    && let Some((cost, _)) = self.evaluate(u, v)
+                {
+                    let made = [self.made[u as usize], self.made[v as usize]];
+                    self.queue.push(cost, Pair { u, v, made });
+                }
+            }
+        }
+        self.counts.visits = self.flood.visits;
+        self.counts.pieces = self.coverer.pieces;
+        (self.state, self.counts)
+    }
+
+    /// Queues the pairs of `u` and its neighbours.
+    fn push_pairs(&mut self, u: u32, wanted: impl Fn(u32, u32) -> bool) {
+        let mut neighbours: Vec<u32> = Vec::with_capacity(16);
+        for corner in self.state.surface.corners_at(u) {
+            for v in self.state.surface.others(corner) {
+                if wanted(u, v) && !neighbours.contains(&v) {
+                    neighbours.push(v);
+                }
+            }
+        }
+        for v in neighbours {
+            if let Some((cost, _)) = self.evaluate(u, v) {
+                let made = [self.made[u as usize], self.made[v as usize]];
+                self.queue.push(cost, Pair { u, v, made });
+            }
+        }
+    }
+
+    /// Cost and place of a contraction by the quadric of the faces around it; `None` when it cannot come out well.
+    fn evaluate(&self, u: u32, v: u32) -> Option<(f64, DVec3)> {
+        if self.locked[u as usize] || self.locked[v as usize] {
+            return None;
+        }
+        let s = &self.state.surface;
+        let (a, b) = (s.points[u as usize], s.points[v as usize]);
+        let middle = (a + b) * 0.5;
+        let mut q = Quadric::default();
+        let mut add_face = |f: u32| {
+            let c = s.corners(f).map(|p| p - middle);
+            let cross = (c[1] - c[0]).cross(c[2] - c[0]);
+            let double_area = cross.length();
+            if double_area > 0.0 {
+                q.add(&Quadric::plane(cross / double_area, c[0], 0.5 * double_area));
+            }
+        };
+        s.faces_at(u).for_each(&mut add_face);
+        s.faces_at(v).filter(|&f| !s.faces[f as usize].contains(&u)).for_each(&mut add_face);
+        for (x, y) in [(u, v), (v, u)] {
+            if on_border(s, x) {
+                add_border(s, x, y, middle, &mut q);
+            }
+        }
+        let length_sq = a.distance_squared(b);
+        let mut pulled = q;
+        pulled.pull(DVec3::ZERO, 1e-2 * q.trace());
+        let at = pulled.minimum().unwrap_or(DVec3::ZERO);
+        let value = q.at(at);
+        if value > self.tolerance_sq * q.weight {
+            return None;
+        }
+        Some((value + 1e-3 * length_sq * q.weight, self.frame.snap(middle + at)))
+    }
+
+    fn try_pair(&mut self, key: usize, pair: Pair, ends_too: bool) {
+        let Pair { u, v, made } = pair;
+        if [self.made[u as usize], self.made[v as usize]] != made {
+            return;
+        }
+        if !link_holds(&self.state.surface, u, v, &mut self.links) {
+            return;
+        }
+        let Some((cost, at)) = self.evaluate(u, v) else { return };
+        // The surroundings have changed: it is another's turn.
+        if Buckets::key(cost) > key + 1 {
+            self.queue.push(cost, pair);
+            return;
+        }
+        let ends = [self.state.surface.points[u as usize], self.state.surface.points[v as usize]];
+        let places = [at, ends[0], ends[1]];
+        let places = if ends_too { &places[..] } else { &places[..1] };
+        for &at in places {
+            if self.attempt(u, v, at) {
+                self.push_pairs(u, |_, _| true);
+                return;
+            }
+        }
+        self.failed.push((u, v, self.clock));
+    }
+
+    /// Contracts the pair to `at` if all that it changes can be certified.
+    fn attempt(&mut self, u: u32, v: u32, at: DVec3) -> bool {
+        self.counts.attempts += 1;
+        if !keeps_orientation(&self.state.surface, u, v, at) || !self.make_faces(u, v, at) {
+            return false;
+        }
+        self.gather(u, v);
+        let culprits = [self.culprit[u as usize], self.culprit[v as usize]];
+        if culprits.iter().any(|&t| self.surely_fails(u, v, t)) {
+            self.counts.quick_failures += 1;
+            return false;
+        }
+        if let Err(culprit) = self.certify_faces().and_then(|()| self.cover_rest(u, v)) {
+            self.culprit[u as usize] = culprit;
+            self.culprit[v as usize] = culprit;
+            return false;
+        }
+        self.commit(u, v, at);
+        true
+    }
+
+    /// The faces that would be there; `false` when one is too thin or there are too many.
+    fn make_faces(&mut self, u: u32, v: u32, at: DVec3) -> bool {
+        self.news.clear();
+        let s = &self.state.surface;
+        for (x, y) in [(u, v), (v, u)] {
+            for corner in s.corners_at(x) {
+                let face = corner >> 2;
+                if s.faces[face as usize].contains(&y) {
+                    continue;
+                }
+                let mut corners = s.corners(face);
+                corners[(corner & 3) as usize] = at;
+                let Some(facet) = Facet::new(corners) else { return false };
+                self.news.push(NewFace { face, facet, seed: self.state.seeds[face as usize], reach_sq: 0.0 });
+            }
+        }
+        self.news.len() <= MAX_FACES
+    }
+
+    /// The original triangles that the faces around the pair cover.
+    fn gather(&mut self, u: u32, v: u32) {
+        self.is_gathered.clear();
+        self.gathered.clear();
+        self.nearby.clear();
+        let s = &self.state.surface;
+        for f in s.faces_at(u).chain(s.faces_at(v)) {
+            for t in self.state.claims.triangles_of(f) {
+                if self.is_gathered.set(t) {
+                    self.slot[t as usize] = self.gathered.len() as u32;
+                    self.gathered.push(Gathered { triangle: t, visitors: 0, by: 0, done: false });
+                    self.nearby.push(t);
+                }
+            }
+        }
+    }
+
+    fn is_touched(&self, face: u32, u: u32, v: u32) -> bool {
+        let f = &self.state.surface.faces[face as usize];
+        f.contains(&u) || f.contains(&v)
+    }
+
+    /// Whether a corner of the triangle, which nothing but the new faces may cover, is too far from all of them.
+    fn surely_fails(&self, u: u32, v: u32, triangle: u32) -> bool {
+        if triangle == NONE || !self.is_gathered.has(triangle) {
+            return false;
+        }
+        let far = |p: DVec3| self.news.iter().all(|n| n.facet.distance_sq_to(p) > self.tolerance_sq);
+        self.original.corners(triangle).into_iter().any(far)
+            && self.state.claims.faces_of(triangle).all(|f| self.is_touched(f, u, v))
+    }
+
+    /// Backward certificates of the new faces, noting on the way whom they cover. Fails with the triangle to blame.
+    fn certify_faces(&mut self) -> Result<(), u32> {
+        let original = self.original;
+        let tolerance_sq = self.tolerance_sq;
+        for i in 0..self.news.len() {
+            let new = &mut self.news[i];
+            let (gathered, slot, is_gathered) = (&mut self.gathered, &self.slot, &self.is_gathered);
+            let facet = &new.facet;
+            let mut reach_sq = 0.0f64;
+            let mut last = NONE;
+            let certified =
+                self.flood.certify(original, facet, new.seed, &self.nearby, tolerance_sq, |t, shadows| {
+                    last = t;
+                    if !is_gathered.has(t) {
+                        return;
+                    }
+                    let g = &mut gathered[slot[t as usize] as usize];
+                    if g.done {
+                        return;
+                    }
+                    g.visitors |= 1 << i;
+                    let corners = original.corners(t);
+                    let mut farthest = 0.0f64;
+                    for k in 0..3 {
+                        let d = facet.distance_sq(corners[k], &shadows[k]);
+                        if d > tolerance_sq {
+                            return;
+                        }
+                        farthest = farthest.max(d);
+                    }
+                    (g.done, g.by) = (true, 1 << i);
+                    reach_sq = reach_sq.max(farthest);
+                });
+            let Some(certified) = certified else { return Err(last) };
+            new.seed = certified.seed;
+            new.reach_sq = reach_sq.max(certified.reach_sq);
+        }
+        Ok(())
+    }
+
+    /// Forward certificates of the triangles that no new face covers alone. Fails with the triangle to blame.
+    fn cover_rest(&mut self, u: u32, v: u32) -> Result<(), u32> {
+        self.kept.clear();
+        for i in 0..self.gathered.len() {
+            if self.gathered[i].done {
+                continue;
+            }
+            let triangle = self.gathered[i].triangle;
+            let mut kept: Vec<(u32, Facet)> = Vec::new();
+            for f in self.state.claims.faces_of(triangle) {
+                if !self.is_touched(f, u, v) {
+                    // The claim was made with this facet, so there is one.
+                    kept.extend(Facet::new(self.state.surface.corners(f)).map(|facet| (f, facet)));
+                }
+            }
+            let visitors = self.gathered[i].visitors;
+            if !self.cover_one(i, visitors, &kept) && !self.cover_one(i, u64::MAX, &kept) {
+                return Err(triangle);
+            }
+        }
+        Ok(())
+    }
+
+    /// Covers a gathered triangle by the new faces of a bit mask and by kept ones.
+    fn cover_one(&mut self, i: usize, mask: u64, kept: &[(u32, Facet)]) -> bool {
+        let mut facets: Vec<&Facet> = Vec::with_capacity(16);
+        let mut indices: Vec<usize> = Vec::with_capacity(16);
+        for (k, new) in self.news.iter().enumerate() {
+            if mask & 1 << k != 0 {
+                facets.push(&new.facet);
+                indices.push(k);
+            }
+        }
+        let news = facets.len();
+        facets.extend(kept.iter().map(|k| &k.1).take(64 - news));
+        let total = facets.len();
+        let corners = self.original.corners(self.gathered[i].triangle);
+        let Some(cover) = self.coverer.cover(corners, &facets, self.tolerance_sq) else { return false };
+        let mut by = 0;
+        for bit in 0..total {
+            if cover.facets & 1 << bit == 0 {
+                continue;
+            }
+            if bit < news {
+                by |= 1 << indices[bit];
+                let reach = &mut self.news[indices[bit]].reach_sq;
+                *reach = reach.max(cover.reach_sq);
+            } else {
+                let face = kept[bit - news].0;
+                self.kept.push((i as u32, face));
+                let reach = &mut self.state.reach_sq[face as usize];
+                *reach = reach.max(cover.reach_sq);
+            }
+        }
+        (self.gathered[i].done, self.gathered[i].by) = (true, by);
+        true
+    }
+
+    fn commit(&mut self, u: u32, v: u32, at: DVec3) {
+        self.counts.contractions += 1;
+        self.clock += 1;
+        let claims = &mut self.state.claims;
+        for g in &self.gathered {
+            claims.release(g.triangle);
+        }
+        let s = &self.state.surface;
+        for f in s.faces_at(u).chain(s.faces_at(v)) {
+            claims.clear_face(f);
+        }
+        for g in &self.gathered {
+            let mut by = g.by;
+            while by != 0 {
+                claims.add(g.triangle, self.news[by.trailing_zeros() as usize].face);
+                by &= by - 1;
+            }
+        }
+        for &(i, face) in &self.kept {
+            claims.add(self.gathered[i as usize].triangle, face);
+        }
+        for new in &self.news {
+            self.state.seeds[new.face as usize] = new.seed;
+            self.state.reach_sq[new.face as usize] = new.reach_sq;
+        }
+        for f in s.faces_at(u).chain(s.faces_at(v)) {
+            for x in s.faces[f as usize] {
+                self.changed[x as usize] = self.clock;
+            }
+        }
+        self.state.surface.contract(u, v, at);
+        self.made[u as usize] += 1;
+        self.made[v as usize] += 1;
+    }
+}
+
+/// Adds walls on the edges at `x` that do not have exactly two faces, but for the one to `except`, which the other end adds or not.
+fn add_border(s: &Complex, x: u32, except: u32, middle: DVec3, q: &mut Quadric) {
+    for corner in s.corners_at(x) {
+        for y in s.others(corner) {
+            let users = s.faces_at(x).filter(|&f| s.faces[f as usize].contains(&y)).count();
+            if users == 2 || (y == except && x > except) {
+                continue;
+            }
+            let c = s.corners(corner >> 2).map(|p| p - middle);
+            let Some(normal) = (c[1] - c[0]).cross(c[2] - c[0]).try_normalize() else { continue };
+            let (a, b) = (s.points[x as usize] - middle, s.points[y as usize] - middle);
+            if let Some(wall) = border_quadric(a, b, normal) {
+                q.add(&wall);
+            }
+        }
+    }
+}
