@@ -20,6 +20,7 @@ fn main() {
                 print!("true/eps [{:.4} {:.4}] fwd {:.4} back {:.4} {}", h.lower / tol, h.upper / tol, h.forward.lower / tol, h.backward.lower / tol, if h.lower > s.geometric.value { "VIOLATION" } else { "ok" });
             }
             println!();
+            if std::env::var("REPORT").is_ok() { println!("   {}", s.mesh.report()); }
             if std::env::var("COUNTS").is_ok() { println!("   {}", s.cost.counters); }
         }
     }

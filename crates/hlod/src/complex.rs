@@ -209,7 +209,9 @@ pub(crate) fn link_holds(s: &Complex, u: u32, v: u32, marks: &mut LinkMarks) -> 
                 return false;
             }
         }
-        if a != u && b != u && marks.apexes.has(a) && marks.apexes.has(b) {
+        // The same face on both sides of the edge would be doubled.
+        let closes = a != u && b != u && marks.apexes.has(a) && marks.apexes.has(b);
+        if closes && s.corners_at(u).any(|c| s.others(c) == [b, a] || s.others(c) == [a, b]) {
             return false;
         }
     }

@@ -23,6 +23,7 @@ const MAX_FACES: usize = 60;
 /// What the contractions took.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ContractCounts {
+    pub why: [u64; 8],
     pub attempts: u64,
     pub contractions: u64,
     pub visits: u64,
@@ -190,6 +191,7 @@ impl<'a> Contractor<'a> {
             }
         }
         self.counts.visits = self.flood.visits;
+        eprintln!("link {} eval {} orient {} thin {} flood {} cover {}", self.counts.why[0], self.counts.why[1], self.counts.why[2], self.counts.why[3], self.counts.why[4], self.counts.why[5]);
         self.counts.pieces = self.coverer.pieces;
         (self.state, self.counts)
     }
@@ -238,13 +240,13 @@ impl<'a> Contractor<'a> {
         }
         let length_sq = a.distance_squared(b);
         let mut pulled = q;
-        pulled.pull(DVec3::ZERO, 1e-2 * q.trace());
+        pulled.pull(DVec3::ZERO, knob(1, 1e-2) * q.trace());
         let at = pulled.minimum().unwrap_or(DVec3::ZERO);
         let value = q.at(at);
-        if value > self.tolerance_sq * q.weight {
+        if value > knob(0, 1.0) * self.tolerance_sq * q.weight {
             return None;
         }
-        Some((value + 1e-3 * length_sq * q.weight, self.frame.snap(middle + at)))
+        Some((value + knob(2, 1e-3) * length_sq * q.weight, self.frame.snap(middle + at)))
     }
 
     fn try_pair(&mut self, key: usize, pair: Pair, ends_too: bool) {
@@ -253,9 +255,11 @@ impl<'a> Contractor<'a> {
             return;
         }
         if !link_holds(&self.state.surface, u, v, &mut self.links) {
+            self.counts.why[0] += 1;
+            self.failed.push((u, v, self.clock));
             return;
         }
-        let Some((cost, at)) = self.evaluate(u, v) else { return };
+        let Some((cost, at)) = self.evaluate(u, v) else { self.counts.why[1] += 1; self.failed.push((u, v, self.clock)); return };
         // The surroundings have changed: it is another's turn.
         if Buckets::key(cost) > key + 1 {
             self.queue.push(cost, pair);
@@ -276,7 +280,9 @@ impl<'a> Contractor<'a> {
     /// Contracts the pair to `at` if all that it changes can be certified.
     fn attempt(&mut self, u: u32, v: u32, at: DVec3) -> bool {
         self.counts.attempts += 1;
-        if !keeps_orientation(&self.state.surface, u, v, at) || !self.make_faces(u, v, at) {
+        if !keeps_orientation(&self.state.surface, u, v, at) { self.counts.why[2] += 1; return false; }
+        if !self.make_faces(u, v, at) {
+            self.counts.why[3] += 1;
             return false;
         }
         self.gather(u, v);
@@ -285,7 +291,7 @@ impl<'a> Contractor<'a> {
             self.counts.quick_failures += 1;
             return false;
         }
-        if let Err(culprit) = self.certify_faces().and_then(|()| self.cover_rest(u, v)) {
+        if let Err(culprit) = self.certify_faces().inspect_err(|_| self.counts.why[4] += 1).and_then(|()| self.cover_rest(u, v).inspect_err(|_| self.counts.why[5] += 1)) {
             self.culprit[u as usize] = culprit;
             self.culprit[v as usize] = culprit;
             return false;
@@ -495,4 +501,9 @@ fn add_border(s: &Complex, x: u32, except: u32, middle: DVec3, q: &mut Quadric) 
             }
         }
     }
+}
+
+pub(crate) fn knob(i: usize, default: f64) -> f64 {
+    static K: std::sync::OnceLock<Vec<Option<f64>>> = std::sync::OnceLock::new();
+    K.get_or_init(|| (0..10).map(|i| std::env::var(format!("K{i}")).ok().and_then(|s| s.parse().ok())).collect())[i].unwrap_or(default)
 }
