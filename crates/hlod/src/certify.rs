@@ -78,7 +78,7 @@ pub(crate) fn certify_all(
         }
         if taken_back.is_empty() {
             counts.visits = work.flood.visits;
-            counts.pieces = work.coverer.pieces;
+            counts.pieces = work.coverer.count;
             return (work.certified, counts);
         }
         counts.taken_back += taken_back.len() as u64;

@@ -129,6 +129,8 @@ pub(crate) struct Contractor<'a> {
     nearby: Vec<u32>,
     /// Kept faces that a gathered triangle needs besides new ones: (slot, face).
     kept: Vec<(u32, u32)>,
+    /// Kept faces that cover gathered triangles together with new ones.
+    ring: Vec<(u32, Facet)>,
     counts: ContractCounts,
 }
 
@@ -162,6 +164,7 @@ impl<'a> Contractor<'a> {
             news: Vec::new(),
             nearby: Vec::new(),
             kept: Vec::new(),
+            ring: Vec::new(),
             counts: ContractCounts::default(),
         }
     }
@@ -192,7 +195,7 @@ impl<'a> Contractor<'a> {
         }
         self.counts.visits = self.flood.visits;
         eprintln!("link {} eval {} orient {} thin {} flood {} cover {}", self.counts.why[0], self.counts.why[1], self.counts.why[2], self.counts.why[3], self.counts.why[4], self.counts.why[5]);
-        self.counts.pieces = self.coverer.pieces;
+        self.counts.pieces = self.coverer.count;
         (self.state, self.counts)
     }
 
@@ -394,17 +397,24 @@ impl<'a> Contractor<'a> {
     /// Forward certificates of the triangles that no new face covers alone. Fails with the triangle to blame.
     fn cover_rest(&mut self, u: u32, v: u32) -> Result<(), u32> {
         self.kept.clear();
+        self.ring.clear();
+        let mut kept = Vec::new();
         for i in 0..self.gathered.len() {
             if self.gathered[i].done {
                 continue;
             }
             let triangle = self.gathered[i].triangle;
-            let mut kept: Vec<(u32, Facet)> = Vec::new();
+            kept.clear();
             for f in self.state.claims.faces_of(triangle) {
-                if !self.is_touched(f, u, v) {
-                    // The claim was made with this facet, so there is one.
-                    kept.extend(Facet::new(self.state.surface.corners(f)).map(|facet| (f, facet)));
+                if self.is_touched(f, u, v) {
+                    continue;
                 }
+                let known = self.ring.iter().position(|r| r.0 == f).or_else(|| {
+                    // The claim was made with this facet, so there is one.
+                    self.ring.push((f, Facet::new(self.state.surface.corners(f))?));
+                    Some(self.ring.len() - 1)
+                });
+                kept.extend(known);
             }
             let visitors = self.gathered[i].visitors;
             if !self.cover_one(i, visitors, &kept) && !self.cover_one(i, u64::MAX, &kept) {
@@ -415,7 +425,7 @@ impl<'a> Contractor<'a> {
     }
 
     /// Covers a gathered triangle by the new faces of a bit mask and by kept ones.
-    fn cover_one(&mut self, i: usize, mask: u64, kept: &[(u32, Facet)]) -> bool {
+    fn cover_one(&mut self, i: usize, mask: u64, kept: &[usize]) -> bool {
         let mut facets: Vec<&Facet> = Vec::with_capacity(16);
         let mut indices: Vec<usize> = Vec::with_capacity(16);
         for (k, new) in self.news.iter().enumerate() {
@@ -425,7 +435,7 @@ impl<'a> Contractor<'a> {
             }
         }
         let news = facets.len();
-        facets.extend(kept.iter().map(|k| &k.1).take(64 - news));
+        facets.extend(kept.iter().map(|&k| &self.ring[k].1).take(64 - news));
         let total = facets.len();
         let corners = self.original.corners(self.gathered[i].triangle);
         let Some(cover) = self.coverer.cover(corners, &facets, self.tolerance_sq) else { return false };
@@ -439,7 +449,7 @@ impl<'a> Contractor<'a> {
                 let reach = &mut self.news[indices[bit]].reach_sq;
                 *reach = reach.max(cover.reach_sq);
             } else {
-                let face = kept[bit - news].0;
+                let face = self.ring[kept[bit - news]].0;
                 self.kept.push((i as u32, face));
                 let reach = &mut self.state.reach_sq[face as usize];
                 *reach = reach.max(cover.reach_sq);

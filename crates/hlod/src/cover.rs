@@ -4,16 +4,21 @@
 //! when its corners are. A triangle over several facets is cut along their walls (planes through a side, along the facet's normal) until every
 //! piece has a facet.
 
-use crate::facet::{Facet, Shadow};
+use crate::facet::Facet;
 use crate::flood::farthest_pair;
-use crate::polygon::{CORNERS, Polygon};
 use glam::DVec3;
 
 /// Pieces that a triangle may be cut into.
 const MAX_PIECES: usize = 96;
 
+/// Corners that a piece may have.
+const MAX_CORNERS: usize = 24;
+
 /// Halvings of one piece.
 const MAX_HALVINGS: u8 = 5;
+
+/// How far (in barycentric units) a corner must be from a wall for a cut along it to be worth while.
+const OFF_WALL: f64 = 1e-9;
 
 /// A cover: which facets (by bit) were needed, and how far the triangle is from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,29 +30,34 @@ pub(crate) struct Cover {
 /// Covers triangles; keeps its memory.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Coverer {
-    pending: Vec<(Polygon<DVec3>, u8)>,
+    /// Corners of the pieces, the last piece's at the end.
+    corners: Vec<DVec3>,
+    /// Corners and halvings of each piece.
+    pieces: Vec<(usize, u8)>,
+    piece: Vec<DVec3>,
+    values: Vec<f64>,
     /// Pieces looked at since the beginning.
-    pub pieces: u64,
-    /// The point that the last cover failed at.
-    pub culprit: DVec3,
+    pub count: u64,
 }
 
 impl Coverer {
     /// Covers a triangle with at most 64 facets, or returns `None`.
     pub(crate) fn cover(&mut self, triangle: [DVec3; 3], facets: &[&Facet], tolerance_sq: f64) -> Option<Cover> {
-        self.pending.clear();
-        self.pending.push((Polygon::new(triangle), 0));
+        self.corners.clear();
+        self.corners.extend(triangle);
+        self.pieces.clear();
+        self.pieces.push((3, 0));
         let mut cover = Cover { facets: 0, reach_sq: 0.0 };
         let mut budget = MAX_PIECES;
         let mut first = 0;
-        while let Some((piece, halvings)) = self.pending.pop() {
-            self.pieces += 1;
-            let corners = piece.corners();
-            let all = (1u32 << corners.len()) - 1;
+        while let Some(&(len, halvings)) = self.pieces.last() {
+            self.count += 1;
+            let corners = &self.corners[self.corners.len() - len..];
+            let all = (1u32 << len) - 1;
             let mut near_any = 0;
             let mut done = false;
             // The best facet to cut along: how many corners it has, and the wall.
-            let mut best: Option<(u32, usize, usize)> = None;
+            let mut best = (0, 0, None);
             for k in 0..facets.len() {
                 let k = if first + k >= facets.len() { first + k - facets.len() } else { first + k };
                 let (near, reach_sq, wall) = try_facet(corners, facets[k], tolerance_sq);
@@ -59,76 +69,101 @@ impl Coverer {
                     break;
                 }
                 near_any |= near;
-                if let Some(wall) = wall
-                    && best.is_none_or(|b| near.count_ones() > b.0)
-                {
-                    best = Some((near.count_ones(), k, wall));
+                if wall.is_some() && near.count_ones() > best.0 {
+                    best = (near.count_ones(), k, wall);
                 }
             }
             if done {
+                self.pieces.pop();
+                self.corners.truncate(self.corners.len() - len);
                 continue;
             }
-            if near_any != all {
-                self.culprit = corners[(!near_any).trailing_zeros() as usize];
-                return None;
-            }
-            self.culprit = corners[0];
-            if budget == 0 {
+            // A corner far from all facets cannot be helped.
+            if near_any != all || budget == 0 || len + 2 > MAX_CORNERS {
                 return None;
             }
             budget -= 1;
-            if let Some((_, k, wall)) = best
-                && let (Some(inner), Some(outer)) = piece.cut(|p| facets[k].shadow(p).l[wall])?
-            {
+            if let (_, k, Some(wall)) = best {
                 first = k;
-                self.pending.push((outer, halvings));
-                self.pending.push((inner, halvings));
-                continue;
+                self.split(|p| facets[k].coordinate(wall, p), halvings)?;
+            } else {
+                if halvings >= MAX_HALVINGS {
+                    return None;
+                }
+                let (i, j) = farthest_pair(corners);
+                let (middle, along) = ((corners[i] + corners[j]) * 0.5, corners[j] - corners[i]);
+                self.split(|p| (p - middle).dot(along), halvings + 1)?;
             }
-            if halvings >= MAX_HALVINGS {
-                return None;
-            }
-            let (i, j) = farthest_pair(corners);
-            let (middle, along) = ((corners[i] + corners[j]) * 0.5, corners[j] - corners[i]);
-            let (up, down) = piece.cut(|p| (p - middle).dot(along))?;
-            self.pending.extend([up, down].into_iter().flatten().map(|p| (p, halvings + 1)));
         }
         Some(cover)
+    }
+
+    /// Cuts the last piece in two; the part where `value` is positive comes last. `None` when rounding has bent the piece so that
+    /// it is crossed more than twice, or not at all.
+    fn split(&mut self, value: impl Fn(DVec3) -> f64, halvings: u8) -> Option<()> {
+        let (len, _) = self.pieces.pop()?;
+        let start = self.corners.len() - len;
+        self.piece.clear();
+        self.piece.extend_from_slice(&self.corners[start..]);
+        self.values.clear();
+        self.values.extend(self.piece.iter().map(|&p| value(p)));
+        self.corners.truncate(start);
+        let mut crossings = 0;
+        for sign in [-1.0, 1.0] {
+            let from = self.corners.len();
+            for i in 0..len {
+                let j = if i + 1 == len { 0 } else { i + 1 };
+                let (a, b) = (self.values[i] * sign, self.values[j] * sign);
+                if a >= 0.0 {
+                    self.corners.push(self.piece[i]);
+                }
+                if (a > 0.0 && b < 0.0) || (a < 0.0 && b > 0.0) {
+                    crossings += 1;
+                    // The same arithmetic on both sides of the cut.
+                    let (a, b) = (self.values[i], self.values[j]);
+                    self.corners.push(self.piece[i] + (self.piece[j] - self.piece[i]) * (a / (a - b)));
+                }
+            }
+            self.pieces.push((self.corners.len() - from, halvings));
+        }
+        (crossings > 0 && crossings <= 4).then_some(())
     }
 }
 
 /// Which corners (by bit) are within the tolerance of the facet, the largest squared distance of those, and the wall that the worst
-/// other one is beyond, if a near corner is on this side of it.
-#[inline]
+/// other one is beyond, if there is a corner on this side of it.
+#[inline(always)]
 fn try_facet(corners: &[DVec3], facet: &Facet, tolerance_sq: f64) -> (u32, f64, Option<usize>) {
     let mut near = 0;
     let mut reach_sq = 0.0f64;
-    let mut shadows = [Shadow::default(); CORNERS];
+    let mut low = [-OFF_WALL; 3];
+    let mut high = [OFF_WALL; 3];
     for (i, &p) in corners.iter().enumerate() {
-        shadows[i] = facet.shadow(p);
-        let d = facet.distance_sq(p, &shadows[i]);
+        let s = facet.shadow(p);
+        let d = facet.distance_sq(p, &s);
         if d <= tolerance_sq {
             near |= 1 << i;
             reach_sq = reach_sq.max(d);
-        }
-    }
-    if near == 0 || near == (1 << corners.len()) - 1 {
-        return (near, reach_sq, None);
-    }
-    let shadows = &shadows[..corners.len()];
-    // Walls that a corner is hardly beyond would cut off nothing.
-    let mut worst = (-1e-9, None);
-    for (i, s) in shadows.iter().enumerate() {
-        if near & 1 << i != 0 {
-            continue;
-        }
-        for side in 0..3 {
-            if s.l[side] < worst.0 && shadows.iter().any(|s| s.l[side] > 1e-9) {
-                worst = (s.l[side], Some(side));
+        } else {
+            for side in 0..3 {
+                low[side] = low[side].min(s.l[side]);
             }
         }
+        for side in 0..3 {
+            high[side] = high[side].max(s.l[side]);
+        }
     }
-    (near, reach_sq, worst.1)
+    if near == 0 {
+        return (0, 0.0, None);
+    }
+    let mut wall = None;
+    let mut lowest = -OFF_WALL;
+    for side in 0..3 {
+        if low[side] < lowest && high[side] > OFF_WALL {
+            (lowest, wall) = (low[side], Some(side));
+        }
+    }
+    (near, reach_sq, wall)
 }
 
 #[cfg(test)]

@@ -53,6 +53,12 @@ impl Facet {
         Shadow { l: [1.0 - l1 - l2, l1, l2], h: x.dot(self.normal) }
     }
 
+    /// One barycentric coordinate of a point.
+    #[inline(always)]
+    pub(crate) fn coordinate(&self, i: usize, p: DVec3) -> f64 {
+        self.shadow(p).l[i]
+    }
+
     /// The point of the facet's plane with these barycentric coordinates.
     #[inline]
     pub(crate) fn at(&self, l: [f64; 3]) -> DVec3 {

@@ -57,7 +57,7 @@ type Piece = (Polygon<[f64; 2]>, u8);
 pub(crate) struct Flood {
     visited: Marks,
     stack: Vec<(u32, [Shadow; 3])>,
-    layers: Vec<(u32, Outline)>,
+    layers: Vec<u32>,
     borders: Vec<BorderEdge>,
     pieces: Vec<Piece>,
     /// Triangles visited since the beginning.
@@ -124,13 +124,14 @@ impl Flood {
                     }
                 }
             }
-            let outline = shadows.map(|s| [s.l[1], s.l[2]]);
-            let layer = layer_surely_at(&outline, [INNER[1], INNER[2]])?;
-            if layer > 0 {
-                certified.seed = t;
+            if may_hold_inner(&shadows) {
+                let layer = layer_surely_at(&shadows.map(|s| [s.l[1], s.l[2]]), [INNER[1], INNER[2]])?;
+                if layer > 0 {
+                    certified.seed = t;
+                }
+                degree += layer;
             }
-            degree += layer;
-            self.layers.push((t, outline));
+            self.layers.push(t);
             self.cross_sides(original, facet, t, &shadows);
         }
         certified.reach_sq = certified.reach_sq.max(reach * reach);
@@ -243,6 +244,11 @@ impl Flood {
                 i += 1;
             }
         }
+        let outlines: Vec<Outline> = self
+            .layers
+            .iter()
+            .map(|&t| original.corners(t).map(|p| facet.shadow(p)).map(|s| [s.l[1], s.l[2]]))
+            .collect();
         let mut reach_sq = 0.0f64;
         let mut budget = 2 * MAX_PIECES;
         while let Some((piece, depth)) = self.pieces.pop() {
@@ -250,7 +256,7 @@ impl Flood {
             let inner = corners.iter().fold([0.0; 2], |s, c| {
                 [s[0] + c[0] / corners.len() as f64, s[1] + c[1] / corners.len() as f64]
             });
-            let layers: i32 = self.layers.iter().map(|(_, outline)| layer_at(outline, inner)).sum();
+            let layers: i32 = outlines.iter().map(|outline| layer_at(outline, inner)).sum();
             if layers == 1 {
                 continue;
             }
@@ -264,7 +270,7 @@ impl Flood {
             for edge in &self.borders {
                 best = best.min(farthest(&|p| segment_distance_sq(edge.ends[0], edge.ends[1], p)));
             }
-            let triangles = self.layers.iter().map(|l| l.0).chain(nearby.iter().copied());
+            let triangles = self.layers.iter().copied().chain(nearby.iter().copied());
             for t in triangles {
                 if best <= tolerance_sq {
                     break;
@@ -324,6 +330,17 @@ fn layer_at(outline: &Outline, p: [f64; 2]) -> i32 {
     } else {
         0
     }
+}
+
+/// Whether the projected triangle's box in barycentric coordinates holds the point where layers are counted.
+#[inline(always)]
+fn may_hold_inner(s: &[Shadow; 3]) -> bool {
+    // Far more than rounding.
+    const MARGIN: f64 = 1e-7;
+    (1..3).all(|i| {
+        let (a, b, c) = (s[0].l[i] - INNER[i], s[1].l[i] - INNER[i], s[2].l[i] - INNER[i]);
+        !((a > MARGIN && b > MARGIN && c > MARGIN) || (a < -MARGIN && b < -MARGIN && c < -MARGIN))
+    })
 }
 
 /// [`layer_at`], or `None` when rounding may decide.

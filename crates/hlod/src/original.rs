@@ -56,10 +56,11 @@ impl Original {
         let mut triangles: Vec<[u32; 3]> = source.iter().map(|&i| corners(i).map(&mut number)).collect();
         let lines = lines.into_iter().map(|l| l.map(&mut number)).collect();
         let before = triangles.len();
-        drop_doubles(&mut triangles, &mut source);
-        let neighbours = neighbours(&triangles);
-        let used = mesh.triangles().iter().flatten().count();
-        debug_assert!(used >= points.len());
+        let mut sides = sides_of(&triangles);
+        if drop_doubles(&mut triangles, &mut source, &sides) {
+            sides = sides_of(&triangles);
+        }
+        let neighbours = neighbours(&triangles, &sides);
         Self {
             doubled: before - triangles.len(),
             welded: id_of.len() - first.len(),
@@ -91,7 +92,7 @@ fn morton(p: DVec3) -> u64 {
 }
 
 /// All sides as (smaller vertex, larger vertex, 4 · triangle + side), sorted.
-fn sides(triangles: &[[u32; 3]]) -> Vec<(u64, u32)> {
+fn sides_of(triangles: &[[u32; 3]]) -> Vec<(u64, u32)> {
     let mut sides = Vec::with_capacity(3 * triangles.len());
     for (t, c) in triangles.iter().enumerate() {
         for i in 0..3 {
@@ -103,10 +104,11 @@ fn sides(triangles: &[[u32; 3]]) -> Vec<(u64, u32)> {
     sides
 }
 
-fn drop_doubles(triangles: &mut Vec<[u32; 3]>, source: &mut Vec<u32>) {
+/// Drops triangles that repeat an earlier one; returns whether there were any.
+fn drop_doubles(triangles: &mut Vec<[u32; 3]>, source: &mut Vec<u32>, sides: &[(u64, u32)]) -> bool {
     // A double shares all its sides with its like, so that at least three triangles meet there or two go the same way.
     let mut suspects: Vec<([u32; 3], u32)> = Vec::new();
-    for users in sides(triangles).chunk_by(|a, b| a.0 == b.0) {
+    for users in sides.chunk_by(|a, b| a.0 == b.0) {
         let same_way = users.len() == 2 && {
             let from = |u: u32| triangles[(u >> 2) as usize][(u & 3) as usize];
             from(users[0].1) == from(users[1].1)
@@ -133,7 +135,7 @@ fn drop_doubles(triangles: &mut Vec<[u32; 3]>, source: &mut Vec<u32>) {
         dropped.extend(same[1..].iter().map(|s| s.1));
     }
     if dropped.is_empty() {
-        return;
+        return false;
     }
     dropped.sort_unstable();
     let keep = |i: usize| dropped.binary_search(&(i as u32)).is_err();
@@ -141,11 +143,12 @@ fn drop_doubles(triangles: &mut Vec<[u32; 3]>, source: &mut Vec<u32>) {
     triangles.retain(|_| (keep(i), i += 1).0);
     i = 0;
     source.retain(|_| (keep(i), i += 1).0);
+    true
 }
 
-fn neighbours(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+fn neighbours(triangles: &[[u32; 3]], sides: &[(u64, u32)]) -> Vec<[u32; 3]> {
     let mut neighbours = vec![[NONE; 3]; triangles.len()];
-    for users in sides(triangles).chunk_by(|a, b| a.0 == b.0) {
+    for users in sides.chunk_by(|a, b| a.0 == b.0) {
         if let [(_, x), (_, y)] = *users {
             let ((t, i), (u, j)) = (((x >> 2) as usize, (x & 3) as usize), ((y >> 2) as usize, (y & 3) as usize));
             if triangles[t][i] != triangles[u][j] && t != u {
