@@ -41,6 +41,7 @@ pub(crate) fn certify_all(
 ) -> (CertifiedSurface, CertifyCounts) {
     let count = original.triangles.len();
     let mut work = Work {
+        why: [0; 3],
         original,
         log,
         flood: Flood::new(original),
@@ -76,6 +77,7 @@ pub(crate) fn certify_all(
                 work.take_back(v, 1u32 << doublings.min(30), &mut taken_back);
             }
         }
+        if std::env::var("HLOD_TIMES").is_ok() { eprintln!("round {} changed {} taken {} thin {} flood {} cover {}", counts.rounds, changed.len(), taken_back.len(), work.why[0], work.why[1], work.why[2]); work.why = [0; 3]; }
         if taken_back.is_empty() {
             counts.visits = work.flood.visits;
             counts.pieces = work.coverer.count;
@@ -87,6 +89,7 @@ pub(crate) fn certify_all(
 }
 
 struct Work<'a> {
+    why: [u32; 3],
     original: &'a Original,
     log: &'a mut Log,
     flood: Flood,
@@ -118,6 +121,7 @@ impl Work<'_> {
             }
             let Some(facet) = Facet::new(surface.corners(f)) else {
                 guilty.extend(corners);
+                self.why[0] += 1;
                 continue;
             };
             let mut reach = 0.0f64;
@@ -149,6 +153,7 @@ impl Work<'_> {
                     straddling.truncate(before);
                     taken.iter().for_each(|&t| covered[t as usize] = false);
                     guilty.extend(corners);
+                    self.why[1] += 1;
                 }
             }
         }
@@ -185,6 +190,7 @@ impl Work<'_> {
             candidates.truncate(64);
             if !self.try_cover(t, &candidates) {
                 guilty.extend(corners);
+                self.why[2] += 1;
             }
         }
         guilty

@@ -8,7 +8,7 @@ use crate::complex::{Complex, LinkMarks, Marks, link_holds, on_border};
 use crate::cover::Coverer;
 use crate::facet::Facet;
 use crate::fast::{border_quadric, keeps_orientation};
-use crate::flood::Flood;
+use crate::flood::{Flood, steep_reach_sq};
 use crate::frame::Frame;
 use crate::original::{NONE, Original};
 use crate::quadric::Quadric;
@@ -290,7 +290,7 @@ impl<'a> Contractor<'a> {
         }
         self.gather(u, v);
         let culprits = [self.culprit[u as usize], self.culprit[v as usize]];
-        if culprits.iter().any(|&t| self.surely_fails(u, v, t)) {
+        if culprits.iter().any(|&t| self.will_fail(u, v, t)) {
             self.counts.quick_failures += 1;
             return false;
         }
@@ -344,14 +344,25 @@ impl<'a> Contractor<'a> {
         f.contains(&u) || f.contains(&v)
     }
 
-    /// Whether a corner of the triangle, which nothing but the new faces may cover, is too far from all of them.
-    fn surely_fails(&self, u: u32, v: u32, triangle: u32) -> bool {
+    /// Whether the triangle, at which an earlier attempt failed, will make this one fail too: it is too high over a new face, or
+    /// too far from all of them where nothing else may cover it.
+    fn will_fail(&self, u: u32, v: u32, triangle: u32) -> bool {
         if triangle == NONE || !self.is_gathered.has(triangle) {
             return false;
         }
+        // Over a new face and too high there: the flood will find it, unless it belongs to another sheet.
+        let same_sheet_sq = 16.0 * self.tolerance_sq;
+        let too_high = self.news.iter().any(|n| {
+            let shadows = self.original.corners(triangle).map(|p| n.facet.shadow(p));
+            let highest = shadows.iter().map(|s| s.h * s.h).fold(0.0, f64::max);
+            highest > self.tolerance_sq
+                && highest < same_sheet_sq
+                && steep_reach_sq(self.original, &n.facet, triangle, &shadows, self.tolerance_sq).is_none()
+        });
         let far = |p: DVec3| self.news.iter().all(|n| n.facet.distance_sq_to(p) > self.tolerance_sq);
-        self.original.corners(triangle).into_iter().any(far)
-            && self.state.claims.faces_of(triangle).all(|f| self.is_touched(f, u, v))
+        too_high
+            || self.original.corners(triangle).into_iter().any(far)
+                && self.state.claims.faces_of(triangle).all(|f| self.is_touched(f, u, v))
     }
 
     /// Backward certificates of the new faces, noting on the way whom they cover. Fails with the triangle to blame.

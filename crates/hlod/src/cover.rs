@@ -27,13 +27,20 @@ pub(crate) struct Cover {
     pub reach_sq: f64,
 }
 
+/// A piece: how many corners it has, how often it was halved, and the facet to try first.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    len: usize,
+    halvings: u8,
+    first: usize,
+}
+
 /// Covers triangles; keeps its memory.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Coverer {
     /// Corners of the pieces, the last piece's at the end.
     corners: Vec<DVec3>,
-    /// Corners and halvings of each piece.
-    pieces: Vec<(usize, u8)>,
+    pieces: Vec<Piece>,
     piece: Vec<DVec3>,
     values: Vec<f64>,
     /// Pieces looked at since the beginning.
@@ -46,11 +53,10 @@ impl Coverer {
         self.corners.clear();
         self.corners.extend(triangle);
         self.pieces.clear();
-        self.pieces.push((3, 0));
+        self.pieces.push(Piece { len: 3, halvings: 0, first: 0 });
         let mut cover = Cover { facets: 0, reach_sq: 0.0 };
         let mut budget = MAX_PIECES;
-        let mut first = 0;
-        while let Some(&(len, halvings)) = self.pieces.last() {
+        while let Some(&Piece { len, halvings, first }) = self.pieces.last() {
             self.count += 1;
             let corners = &self.corners[self.corners.len() - len..];
             let all = (1u32 << len) - 1;
@@ -64,7 +70,6 @@ impl Coverer {
                 if near == all {
                     cover.facets |= 1 << k;
                     cover.reach_sq = cover.reach_sq.max(reach_sq);
-                    first = k;
                     done = true;
                     break;
                 }
@@ -84,15 +89,14 @@ impl Coverer {
             }
             budget -= 1;
             if let (_, k, Some(wall)) = best {
-                first = k;
-                self.split(|p| facets[k].coordinate(wall, p), halvings)?;
+                self.split(|p| facets[k].coordinate(wall, p), halvings, [k + 1, k])?;
             } else {
                 if halvings >= MAX_HALVINGS {
                     return None;
                 }
                 let (i, j) = farthest_pair(corners);
                 let (middle, along) = ((corners[i] + corners[j]) * 0.5, corners[j] - corners[i]);
-                self.split(|p| (p - middle).dot(along), halvings + 1)?;
+                self.split(|p| (p - middle).dot(along), halvings + 1, [first; 2])?;
             }
         }
         Some(cover)
@@ -100,8 +104,8 @@ impl Coverer {
 
     /// Cuts the last piece in two; the part where `value` is positive comes last. `None` when rounding has bent the piece so that
     /// it is crossed more than twice, or not at all.
-    fn split(&mut self, value: impl Fn(DVec3) -> f64, halvings: u8) -> Option<()> {
-        let (len, _) = self.pieces.pop()?;
+    fn split(&mut self, value: impl Fn(DVec3) -> f64, halvings: u8, first: [usize; 2]) -> Option<()> {
+        let len = self.pieces.pop()?.len;
         let start = self.corners.len() - len;
         self.piece.clear();
         self.piece.extend_from_slice(&self.corners[start..]);
@@ -109,7 +113,7 @@ impl Coverer {
         self.values.extend(self.piece.iter().map(|&p| value(p)));
         self.corners.truncate(start);
         let mut crossings = 0;
-        for sign in [-1.0, 1.0] {
+        for (sign, first) in [(-1.0, first[0]), (1.0, first[1])] {
             let from = self.corners.len();
             for i in 0..len {
                 let j = if i + 1 == len { 0 } else { i + 1 };
@@ -124,7 +128,7 @@ impl Coverer {
                     self.corners.push(self.piece[i] + (self.piece[j] - self.piece[i]) * (a / (a - b)));
                 }
             }
-            self.pieces.push((self.corners.len() - from, halvings));
+            self.pieces.push(Piece { len: self.corners.len() - from, halvings, first });
         }
         (crossings > 0 && crossings <= 4).then_some(())
     }

@@ -29,6 +29,9 @@ const MAX_PIECES: usize = 64;
 /// Halvings of a piece.
 const MAX_DEPTH: u8 = 6;
 
+/// Triangles that may be left out of the chain.
+const MAX_EXCLUDED: usize = 8;
+
 /// Steps of the walk to the triangle below a facet.
 const MAX_WALK: usize = 64;
 
@@ -59,11 +62,13 @@ pub(crate) struct Flood {
     stack: Vec<(u32, [Shadow; 3])>,
     layers: Vec<u32>,
     borders: Vec<BorderEdge>,
+    /// Visited triangles that are too high over the facet and stand on it: not part of the chain.
+    excluded: Vec<u32>,
+    /// Borders that are due to excluded triangles.
+    cliffs: usize,
     pieces: Vec<Piece>,
     /// Triangles visited since the beginning.
     pub visits: u64,
-    /// A vertex of the original that the last flood failed at.
-    pub culprit: u32,
 }
 
 impl Flood {
@@ -73,9 +78,10 @@ impl Flood {
             stack: Vec::new(),
             layers: Vec::new(),
             borders: Vec::new(),
+            excluded: Vec::new(),
+            cliffs: 0,
             pieces: Vec::new(),
             visits: 0,
-            culprit: NONE,
         }
     }
 
@@ -92,11 +98,11 @@ impl Flood {
         tolerance_sq: f64,
         mut visit: impl FnMut(u32, &[Shadow; 3]),
     ) -> Option<Certified> {
-        self.culprit = NONE;
         let (seed, shadows) = self.start(original, facet, hint, nearby)?;
         self.visited.clear();
         self.layers.clear();
         self.borders.clear();
+        self.excluded.clear();
         self.stack.clear();
         self.visited.set(seed);
         self.stack.push((seed, shadows));
@@ -117,11 +123,12 @@ impl Flood {
             } else {
                 match steep_reach_sq(original, facet, t, &shadows, tolerance_sq) {
                     Some(r) => certified.reach_sq = certified.reach_sq.max(r),
-                    None => {
-                        let top = (0..3).max_by(|&i, &j| shadows[i].h.abs().total_cmp(&shadows[j].h.abs()));
-                        self.culprit = original.triangles[t as usize][top.unwrap_or(0)];
-                        return None;
+                    // A cliff at the facet's rim need not be part of the chain; its edge becomes a border of it.
+                    None if is_steep(original, facet, t) && self.excluded.len() < MAX_EXCLUDED => {
+                        self.excluded.push(t);
+                        continue;
                     }
+                    None => return None,
                 }
             }
             if may_hold_inner(&shadows) {
@@ -135,12 +142,35 @@ impl Flood {
             self.cross_sides(original, facet, t, &shadows);
         }
         certified.reach_sq = certified.reach_sq.max(reach * reach);
+        self.cliffs = 0;
+        self.border_excluded(original, facet);
         if self.borders.is_empty() {
             return (degree == 1).then_some(certified);
         }
         let reach_sq = self.certify_at_border(original, facet, nearby, tolerance_sq)?;
         certified.reach_sq = certified.reach_sq.max(reach_sq);
         Some(certified)
+    }
+
+    /// Makes the sides between the chain and excluded triangles borders.
+    fn border_excluded(&mut self, original: &Original, facet: &Facet) {
+        for &t in &self.excluded {
+            let shadows = original.corners(t).map(|p| facet.shadow(p));
+            for i in 0..3 {
+                let j = (i + 1) % 3;
+                let neighbour = original.neighbours[t as usize][i];
+                let in_chain =
+                    neighbour != NONE && self.visited.has(neighbour) && !self.excluded.contains(&neighbour);
+                if in_chain && meets_interior(&shadows[i], &shadows[j]) {
+                    let corners = &original.triangles[t as usize];
+                    self.cliffs += 1;
+                    self.borders.push(BorderEdge {
+                        ends: [corners[i], corners[j]].map(|v| original.points[v as usize]),
+                        outline: [&shadows[i], &shadows[j]].map(|s| [s.l[1], s.l[2]]),
+                    });
+                }
+            }
+        }
     }
 
     /// Goes on over every side of `t` that meets the facet's interior.
@@ -249,6 +279,7 @@ impl Flood {
             .iter()
             .map(|&t| original.corners(t).map(|p| facet.shadow(p)).map(|s| [s.l[1], s.l[2]]))
             .collect();
+        let cracks = self.borders.len() > self.cliffs;
         let mut reach_sq = 0.0f64;
         let mut budget = 2 * MAX_PIECES;
         while let Some((piece, depth)) = self.pieces.pop() {
@@ -265,18 +296,20 @@ impl Flood {
                 *p = facet.at([1.0 - c[0] - c[1], c[0], c[1]]);
             }
             let points = &points[..corners.len()];
-            let farthest = |d: &dyn Fn(DVec3) -> f64| points.iter().map(|&p| d(p)).fold(0.0, f64::max);
             let mut best = f64::INFINITY;
             for edge in &self.borders {
-                best = best.min(farthest(&|p| segment_distance_sq(edge.ends[0], edge.ends[1], p)));
+                best = best.min(farthest(points, |p| segment_distance_sq(edge.ends[0], edge.ends[1], p)));
             }
-            let triangles = self.layers.iter().copied().chain(nearby.iter().copied());
-            for t in triangles {
+            // Across a crack, triangles are near that the flood does not reach.
+            let around = if cracks { nearby } else { &[] };
+            for &t in self.excluded.iter().chain(&self.layers).chain(around) {
                 if best <= tolerance_sq {
                     break;
                 }
                 let corners = original.corners(t);
-                best = best.min(farthest(&|p| triangle_distance_sq(corners, p)));
+                if box_distance_sq(&corners, points[0]) <= tolerance_sq {
+                    best = best.min(farthest(points, |p| triangle_distance_sq(corners, p)));
+                }
             }
             if best <= tolerance_sq {
                 reach_sq = reach_sq.max(best);
@@ -293,6 +326,26 @@ impl Flood {
         }
         Some(reach_sq)
     }
+}
+
+/// The largest of a squared distance over some points.
+#[inline]
+fn farthest(points: &[DVec3], distance_sq: impl Fn(DVec3) -> f64) -> f64 {
+    points.iter().map(|&p| distance_sq(p)).fold(0.0, f64::max)
+}
+
+/// Squared distance to the box around a triangle.
+#[inline]
+fn box_distance_sq(&[a, b, c]: &[DVec3; 3], p: DVec3) -> f64 {
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    (low - p).max(p - high).max(DVec3::ZERO).length_squared()
+}
+
+/// Whether a triangle is inclined to the facet by more than 60°.
+fn is_steep(original: &Original, facet: &Facet, t: u32) -> bool {
+    let [a, b, c] = original.corners(t);
+    let normal = (b - a).cross(c - a);
+    normal.dot(facet.normal) < 0.5 * normal.length()
 }
 
 /// The two points that are farthest apart.
@@ -397,7 +450,7 @@ fn crosses(polygon: &Polygon<[f64; 2]>, a: [f64; 2], b: [f64; 2]) -> bool {
 }
 
 /// The squared distance that a triangle proves for the part of the facet below it; `None` above the tolerance.
-fn steep_reach_sq(
+pub(crate) fn steep_reach_sq(
     original: &Original,
     facet: &Facet,
     t: u32,
