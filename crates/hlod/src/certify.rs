@@ -7,6 +7,7 @@ use crate::facet::Facet;
 use crate::fast::Log;
 use crate::flood::Flood;
 use crate::original::{NONE, Original};
+use farsight_geometry::accuracy::Counters;
 
 /// A surface with both certificates for all of it.
 #[derive(Clone, Debug)]
@@ -20,6 +21,14 @@ pub(crate) struct CertifiedSurface {
     pub reach_sq: Vec<f64>,
 }
 
+impl CertifiedSurface {
+    /// The largest distance of all certificates.
+    pub(crate) fn reach(&self) -> f64 {
+        let live = self.surface.faces.iter().zip(&self.reach_sq).filter(|(f, _)| f[0] != NONE);
+        live.map(|(_, &r)| r).fold(0.0, f64::max).sqrt()
+    }
+}
+
 /// What [`certify_all`] did.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct CertifyCounts {
@@ -27,6 +36,14 @@ pub(crate) struct CertifyCounts {
     pub taken_back: u64,
     pub visits: u64,
     pub pieces: u64,
+}
+
+impl CertifyCounts {
+    pub(crate) fn add_to(&self, counters: &mut Counters) {
+        counters.add("taken back", self.taken_back);
+        counters.add("visits", self.visits);
+        counters.add("pieces", self.pieces);
+    }
 }
 
 /// Certifies the surface that `log` led to, taking contractions back until everything holds.
@@ -39,57 +56,33 @@ pub(crate) fn certify_all(
     log: &mut Log,
     tolerance_sq: f64,
 ) -> (CertifiedSurface, CertifyCounts) {
-    let count = original.triangles.len();
-    let mut work = Work {
-        why: [0; 3],
-        original,
-        log,
-        flood: Flood::new(original),
-        coverer: Coverer::default(),
-        covered: vec![false; count],
-        straddling: Vec::new(),
-        certified: CertifiedSurface {
-            surface,
-            claims: Claims::new(count),
-            seeds: (0..count as u32).collect(),
-            reach_sq: vec![0.0; count],
-        },
-        tolerance_sq,
-    };
-    let mut counts = CertifyCounts::default();
-    let mut changed: Vec<u32> = (0..count as u32).filter(|&f| work.certified.surface.faces[f as usize][0] != NONE).collect();
-    let mut failures = vec![0u8; original.points.len()];
-    let mut bad = Marks::new(original.points.len());
-    loop {
-        counts.rounds += 1;
-        bad.clear();
-        let mut guilty = work.flood_faces(&changed);
-        guilty.extend(work.cover_rest());
-        if counts.rounds > 1 {
-            guilty.extend(work.tangled());
-        }
-        let mut taken_back = Vec::new();
-        for v in guilty {
-            if !work.log.is_single(v) && bad.set(v) {
-                // One contraction the first time, then twice as many each time; after many rounds all of them.
-                let doublings = u64::from(failures[v as usize]) + counts.rounds / 4;
-                failures[v as usize] = failures[v as usize].saturating_add(1);
-                work.take_back(v, 1u32 << doublings.min(30), &mut taken_back);
-            }
-        }
-        if std::env::var("HLOD_TIMES").is_ok() { eprintln!("round {} changed {} taken {} thin {} flood {} cover {}", counts.rounds, changed.len(), taken_back.len(), work.why[0], work.why[1], work.why[2]); work.why = [0; 3]; }
-        if taken_back.is_empty() {
-            counts.visits = work.flood.visits;
-            counts.pieces = work.coverer.count;
-            return (work.certified, counts);
-        }
-        counts.taken_back += taken_back.len() as u64;
-        changed = work.rebuild(&taken_back);
-    }
+    Work::new(original, surface, log, tolerance_sq).run()
+}
+
+/// What could not be certified.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Failed {
+    pub faces: Vec<u32>,
+    pub triangles: Vec<u32>,
+}
+
+/// Certifies what can be, by distance alone: faces may have turned over. Takes nothing back.
+pub(crate) fn certify_some(
+    original: &Original,
+    surface: Complex,
+    log: &mut Log,
+    tolerance_sq: f64,
+) -> (CertifiedSurface, CertifyCounts, Failed) {
+    let mut work = Work::new(original, surface, log, tolerance_sq);
+    work.flood.any_side = true;
+    let faces = work.live_faces();
+    work.certify(&faces);
+    let counts = work.counts();
+    let failed = Failed { faces: work.bad_faces, triangles: work.bad_triangles };
+    (work.certified, counts, failed)
 }
 
 struct Work<'a> {
-    why: [u32; 3],
     original: &'a Original,
     log: &'a mut Log,
     flood: Flood,
@@ -99,12 +92,88 @@ struct Work<'a> {
     straddling: Vec<(u32, u32)>,
     certified: CertifiedSurface,
     tolerance_sq: f64,
+    bad_faces: Vec<u32>,
+    bad_triangles: Vec<u32>,
+    counts: CertifyCounts,
 }
 
-impl Work<'_> {
-    /// Backward certificates of the faces, forward ones of the triangles that one of them covers alone. Returns vertices to blame.
-    fn flood_faces(&mut self, faces: &[u32]) -> Vec<u32> {
-        let mut guilty = Vec::new();
+impl<'a> Work<'a> {
+    fn new(original: &'a Original, surface: Complex, log: &'a mut Log, tolerance_sq: f64) -> Self {
+        let count = original.triangles.len();
+        Self {
+            original,
+            log,
+            flood: Flood::new(original),
+            coverer: Coverer::default(),
+            covered: vec![false; count],
+            straddling: Vec::new(),
+            certified: CertifiedSurface {
+                surface,
+                claims: Claims::new(count),
+                seeds: (0..count as u32).collect(),
+                reach_sq: vec![0.0; count],
+            },
+            tolerance_sq,
+            bad_faces: Vec::new(),
+            bad_triangles: Vec::new(),
+            counts: CertifyCounts { rounds: 1, ..CertifyCounts::default() },
+        }
+    }
+
+    fn live_faces(&self) -> Vec<u32> {
+        let faces = &self.certified.surface.faces;
+        (0..faces.len() as u32).filter(|&f| faces[f as usize][0] != NONE).collect()
+    }
+
+    /// Certifies faces, and the triangles that are not covered.
+    fn certify(&mut self, faces: &[u32]) {
+        self.flood_faces(faces);
+        self.cover_rest();
+    }
+
+    fn counts(&self) -> CertifyCounts {
+        CertifyCounts { visits: self.flood.visits, pieces: self.coverer.count, ..self.counts }
+    }
+
+    /// Certifies everything, taking contractions back until nothing is bad.
+    fn run(mut self) -> (CertifiedSurface, CertifyCounts) {
+        self.certify(&self.live_faces());
+        let mut failures = vec![0u8; self.original.points.len()];
+        let mut asked = Marks::new(self.original.points.len());
+        loop {
+            let mut guilty: Vec<u32> = Vec::new();
+            for f in std::mem::take(&mut self.bad_faces) {
+                guilty.extend(self.certified.surface.faces[f as usize]);
+            }
+            for t in std::mem::take(&mut self.bad_triangles) {
+                guilty.extend(self.original.triangles[t as usize].map(|v| self.log.representative(v)));
+            }
+            if self.counts.taken_back > 0 {
+                guilty.extend(self.tangled());
+            }
+            asked.clear();
+            let mut taken_back = Vec::new();
+            for v in guilty {
+                if v != NONE && !self.log.is_single(v) && asked.set(v) {
+                    // One contraction the first time, then twice as many each time; after many rounds all of them.
+                    let doublings = u64::from(failures[v as usize]) + self.counts.rounds / 4;
+                    failures[v as usize] = failures[v as usize].saturating_add(1);
+                    self.take_back(v, 1u32 << doublings.min(30), &mut taken_back);
+                }
+            }
+            if taken_back.is_empty() {
+                let counts = self.counts();
+                return (self.certified, counts);
+            }
+            self.counts.taken_back += taken_back.len() as u64;
+            self.counts.rounds += 1;
+            let changed = self.rebuild(&taken_back);
+            self.certify(&changed);
+        }
+    }
+
+    /// Backward certificates of the faces, forward ones of the triangles that one of them covers alone.
+    fn flood_faces(&mut self, faces: &[u32]) {
         let CertifiedSurface { surface, claims, seeds, reach_sq } = &mut self.certified;
         for &f in faces {
             let corners = surface.faces[f as usize];
@@ -120,8 +189,7 @@ impl Work<'_> {
                 continue;
             }
             let Some(facet) = Facet::new(surface.corners(f)) else {
-                guilty.extend(corners);
-                self.why[0] += 1;
+                self.bad_faces.push(f);
                 continue;
             };
             let mut reach = 0.0f64;
@@ -152,17 +220,14 @@ impl Work<'_> {
                 None => {
                     straddling.truncate(before);
                     taken.iter().for_each(|&t| covered[t as usize] = false);
-                    guilty.extend(corners);
-                    self.why[1] += 1;
+                    self.bad_faces.push(f);
                 }
             }
         }
-        guilty
     }
 
-    /// Forward certificates of all other triangles. Returns vertices to blame.
-    fn cover_rest(&mut self) -> Vec<u32> {
-        let mut guilty = Vec::new();
+    /// Forward certificates of all other triangles.
+    fn cover_rest(&mut self) {
         let mut straddling = std::mem::take(&mut self.straddling);
         straddling.sort_unstable();
         let mut at = 0;
@@ -189,11 +254,9 @@ impl Work<'_> {
             candidates.dedup();
             candidates.truncate(64);
             if !self.try_cover(t, &candidates) {
-                guilty.extend(corners);
-                self.why[2] += 1;
+                self.bad_triangles.push(t);
             }
         }
-        guilty
     }
 
     fn try_cover(&mut self, t: u32, candidates: &[u32]) -> bool {

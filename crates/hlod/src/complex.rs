@@ -183,7 +183,8 @@ impl LinkMarks {
 }
 
 /// Whether contracting the pair keeps the topology: what the links of `u` and `v` share is the link of their edge (after
-/// Dey, Edelsbrunner, Guha & Nekhayev 1999). At borders, an inner edge between two border vertices does not pass.
+/// Dey, Edelsbrunner, Guha & Nekhayev 1999). At borders, an inner edge between two border vertices does not pass. Neither does what would leave
+/// no face at all.
 pub(crate) fn link_holds(s: &Complex, u: u32, v: u32, marks: &mut LinkMarks) -> bool {
     marks.around_u.clear();
     marks.apexes.clear();
@@ -199,7 +200,8 @@ pub(crate) fn link_holds(s: &Complex, u: u32, v: u32, marks: &mut LinkMarks) -> 
             }
         }
     }
-    if shared == 0 {
+    let others_at = |x: u32, y: u32| s.corners_at(x).filter(|&c| !s.others(c).contains(&y)).count();
+    if shared == 0 || (others_at(u, v) == 0 && others_at(v, u) == 0) {
         return false;
     }
     for corner in s.corners_at(v) {

@@ -12,6 +12,7 @@ use crate::flood::{Flood, steep_reach_sq};
 use crate::frame::Frame;
 use crate::original::{NONE, Original};
 use crate::quadric::Quadric;
+use farsight_geometry::accuracy::Counters;
 use glam::DVec3;
 
 /// Passes over the candidates that failed.
@@ -20,15 +21,29 @@ const PASSES: u32 = 5;
 /// Faces that a contraction may leave around its vertex; a bit mask has to hold them.
 const MAX_FACES: usize = 60;
 
+/// Pull of a new vertex towards the middle of its pair, over the trace of the quadric: keeps minima unique where the surface
+/// is flat or bent in one direction only.
+const PULL: f64 = 1e-2;
+
+/// What the squared length of a pair adds to its cost, over the area around it: short pairs first where the surface is flat.
+const LENGTH: f64 = 1e-3;
+
 /// What the contractions took.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ContractCounts {
-    pub why: [u64; 8],
     pub attempts: u64,
     pub contractions: u64,
     pub visits: u64,
     pub pieces: u64,
-    pub quick_failures: u64,
+}
+
+impl ContractCounts {
+    pub(crate) fn add_to(&self, counters: &mut Counters) {
+        counters.add("attempts", self.attempts);
+        counters.add("contractions", self.contractions);
+        counters.add("visits", self.visits);
+        counters.add("pieces", self.pieces);
+    }
 }
 
 /// A pair that may be contracted, with the state of its ends when that was found.
@@ -194,7 +209,6 @@ impl<'a> Contractor<'a> {
             }
         }
         self.counts.visits = self.flood.visits;
-        eprintln!("link {} eval {} orient {} thin {} flood {} cover {}", self.counts.why[0], self.counts.why[1], self.counts.why[2], self.counts.why[3], self.counts.why[4], self.counts.why[5]);
         self.counts.pieces = self.coverer.count;
         (self.state, self.counts)
     }
@@ -217,8 +231,9 @@ impl<'a> Contractor<'a> {
         }
     }
 
-    /// Cost and place of a contraction by the quadric of the faces around it; `None` when it cannot come out well.
-    fn evaluate(&self, u: u32, v: u32) -> Option<(f64, DVec3)> {
+    /// Cost of a contraction by the quadric of the faces around it, and places for it, the best first; `None` when it cannot come out
+    /// well.
+    fn evaluate(&self, u: u32, v: u32) -> Option<(f64, [DVec3; 3])> {
         if self.locked[u as usize] || self.locked[v as usize] {
             return None;
         }
@@ -243,34 +258,34 @@ impl<'a> Contractor<'a> {
         }
         let length_sq = a.distance_squared(b);
         let mut pulled = q;
-        pulled.pull(DVec3::ZERO, knob(1, 1e-2) * q.trace());
+        pulled.pull(DVec3::ZERO, PULL * q.trace());
         let at = pulled.minimum().unwrap_or(DVec3::ZERO);
-        let value = q.at(at);
-        if value > knob(0, 1.0) * self.tolerance_sq * q.weight {
+        let mut places = [at, a - middle, b - middle].map(|p| (q.at(p), p));
+        // The pull moves corners inwards: an end may be better.
+        places.sort_by(|x, y| x.0.total_cmp(&y.0));
+        let value = places[0].0;
+        if value > self.tolerance_sq * q.weight {
             return None;
         }
-        Some((value + knob(2, 1e-3) * length_sq * q.weight, self.frame.snap(middle + at)))
+        Some((value + LENGTH * length_sq * q.weight, places.map(|(_, p)| self.frame.snap(middle + p))))
     }
 
-    fn try_pair(&mut self, key: usize, pair: Pair, ends_too: bool) {
+    fn try_pair(&mut self, key: usize, pair: Pair, all_places: bool) {
         let Pair { u, v, made } = pair;
         if [self.made[u as usize], self.made[v as usize]] != made {
             return;
         }
         if !link_holds(&self.state.surface, u, v, &mut self.links) {
-            self.counts.why[0] += 1;
             self.failed.push((u, v, self.clock));
             return;
         }
-        let Some((cost, at)) = self.evaluate(u, v) else { self.counts.why[1] += 1; self.failed.push((u, v, self.clock)); return };
+        let Some((cost, places)) = self.evaluate(u, v) else { self.failed.push((u, v, self.clock)); return };
         // The surroundings have changed: it is another's turn.
         if Buckets::key(cost) > key + 1 {
             self.queue.push(cost, pair);
             return;
         }
-        let ends = [self.state.surface.points[u as usize], self.state.surface.points[v as usize]];
-        let places = [at, ends[0], ends[1]];
-        let places = if ends_too { &places[..] } else { &places[..1] };
+        let places = if all_places { &places[..] } else { &places[..1] };
         for &at in places {
             if self.attempt(u, v, at) {
                 self.push_pairs(u, |_, _| true);
@@ -283,18 +298,15 @@ impl<'a> Contractor<'a> {
     /// Contracts the pair to `at` if all that it changes can be certified.
     fn attempt(&mut self, u: u32, v: u32, at: DVec3) -> bool {
         self.counts.attempts += 1;
-        if !keeps_orientation(&self.state.surface, u, v, at) { self.counts.why[2] += 1; return false; }
-        if !self.make_faces(u, v, at) {
-            self.counts.why[3] += 1;
+        if !keeps_orientation(&self.state.surface, u, v, at) || !self.make_faces(u, v, at) {
             return false;
         }
         self.gather(u, v);
         let culprits = [self.culprit[u as usize], self.culprit[v as usize]];
         if culprits.iter().any(|&t| self.will_fail(u, v, t)) {
-            self.counts.quick_failures += 1;
             return false;
         }
-        if let Err(culprit) = self.certify_faces().inspect_err(|_| self.counts.why[4] += 1).and_then(|()| self.cover_rest(u, v).inspect_err(|_| self.counts.why[5] += 1)) {
+        if let Err(culprit) = self.certify_faces().and_then(|()| self.cover_rest(u, v)) {
             self.culprit[u as usize] = culprit;
             self.culprit[v as usize] = culprit;
             return false;
@@ -522,9 +534,4 @@ fn add_border(s: &Complex, x: u32, except: u32, middle: DVec3, q: &mut Quadric) 
             }
         }
     }
-}
-
-pub(crate) fn knob(i: usize, default: f64) -> f64 {
-    static K: std::sync::OnceLock<Vec<Option<f64>>> = std::sync::OnceLock::new();
-    K.get_or_init(|| (0..10).map(|i| std::env::var(format!("K{i}")).ok().and_then(|s| s.parse().ok())).collect())[i].unwrap_or(default)
 }

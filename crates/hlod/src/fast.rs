@@ -4,6 +4,7 @@
 //! comes out is a good guess that [`certify`](crate::certify) checks and mends.
 
 use crate::complex::{Complex, LinkMarks, Marks, link_holds};
+use crate::frame::Frame;
 use crate::original::{NONE, Original};
 use crate::quadric::Quadric;
 use glam::DVec3;
@@ -16,6 +17,9 @@ pub(crate) struct FastLimits {
     /// Original vertices in one; bounds what taking back costs.
     pub members: u32,
 }
+
+/// Longest side over height of a needle.
+const NEEDLE: f64 = 1e3;
 
 /// What a contraction replaced, so that it can be taken back.
 #[derive(Clone, Copy, Debug)]
@@ -128,6 +132,7 @@ struct Candidate {
 /// Contracts until nothing is left within the limits. `locked` vertices stay.
 pub(crate) fn contract_fast(
     original: &Original,
+    frame: &Frame,
     s: &mut Complex,
     locked: &[bool],
     limits: FastLimits,
@@ -168,7 +173,7 @@ pub(crate) fn contract_fast(
                 continue;
             }
             let was = s.points[u as usize];
-            s.contract(u, v, at);
+            s.contract(u, v, frame.snap(at));
             log.record(u, v, was);
             let q = quadrics[v as usize];
             quadrics[u as usize].add(&q);
@@ -201,7 +206,7 @@ fn place(s: &Complex, quadrics: &[Quadric], u: u32, v: u32, rms: f64) -> Option<
     (near && cost <= limit).then_some((cost + 1e-6 * reach_sq * q.weight, at))
 }
 
-/// Whether no face around the pair turns by more than 84°.
+/// Whether no face around the pair turns by more than 84° or becomes a needle.
 pub(crate) fn keeps_orientation(s: &Complex, u: u32, v: u32, at: DVec3) -> bool {
     let keeps = |corner: u32, other: u32| {
         let [a, b] = s.others(corner);
@@ -213,7 +218,9 @@ pub(crate) fn keeps_orientation(s: &Complex, u: u32, v: u32, at: DVec3) -> bool 
         let (before, after) = ((pa - p).cross(pb - p), (pa - at).cross(pb - at));
         // A face without area has no orientation to keep.
         let sizes = before.length_squared() * after.length_squared();
-        sizes == 0.0 || before.dot(after) > 0.1 * sizes.sqrt()
+        let longest_sq = (pa - at).length_squared().max((pb - at).length_squared()).max((pa - pb).length_squared());
+        let needle = after.length_squared() * (NEEDLE * NEEDLE) < longest_sq * longest_sq;
+        sizes == 0.0 || !needle && before.dot(after) > 0.1 * sizes.sqrt()
     };
     s.corners_at(u).all(|c| keeps(c, v)) && s.corners_at(v).all(|c| keeps(c, u))
 }
@@ -221,7 +228,6 @@ pub(crate) fn keeps_orientation(s: &Complex, u: u32, v: u32, at: DVec3) -> bool 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Frame;
     use farsight_geometry::hard_cases;
 
     #[test]
@@ -231,7 +237,7 @@ mod tests {
         let o = Original::new(&mesh, &frame);
         let mut s = Complex::new(o.points.clone(), o.triangles.clone());
         let locked = vec![false; o.points.len()];
-        let mut log = contract_fast(&o, &mut s, &locked, FastLimits { rms: 0.02, members: 16 });
+        let mut log = contract_fast(&o, &frame, &mut s, &locked, FastLimits { rms: 0.02, members: 16 });
         assert!(s.live < o.triangles.len() / 3, "{} of {}", s.live, o.triangles.len());
         assert!((0..o.points.len()).all(|v| log.members[v] <= 16));
         for v in 0..o.points.len() as u32 {

@@ -67,6 +67,8 @@ pub(crate) struct Flood {
     /// Borders that are due to excluded triangles.
     cliffs: usize,
     pieces: Vec<Piece>,
+    /// Whether distance alone counts: facets may then be certified that have turned over or been folded.
+    pub any_side: bool,
     /// Triangles visited since the beginning.
     pub visits: u64,
 }
@@ -81,6 +83,7 @@ impl Flood {
             excluded: Vec::new(),
             cliffs: 0,
             pieces: Vec::new(),
+            any_side: false,
             visits: 0,
         }
     }
@@ -124,7 +127,7 @@ impl Flood {
                 match steep_reach_sq(original, facet, t, &shadows, tolerance_sq) {
                     Some(r) => certified.reach_sq = certified.reach_sq.max(r),
                     // A cliff at the facet's rim need not be part of the chain; its edge becomes a border of it.
-                    None if is_steep(original, facet, t) && self.excluded.len() < MAX_EXCLUDED => {
+                    None if self.may_exclude(original, facet, t) => {
                         self.excluded.push(t);
                         continue;
                     }
@@ -145,11 +148,23 @@ impl Flood {
         self.cliffs = 0;
         self.border_excluded(original, facet);
         if self.borders.is_empty() {
-            return (degree == 1).then_some(certified);
+            if degree == 1 {
+                return Some(certified);
+            }
+            if !self.any_side {
+                return None;
+            }
         }
         let reach_sq = self.certify_at_border(original, facet, nearby, tolerance_sq)?;
         certified.reach_sq = certified.reach_sq.max(reach_sq);
         Some(certified)
+    }
+
+    fn may_exclude(&self, original: &Original, facet: &Facet, t: u32) -> bool {
+        if self.any_side {
+            return self.excluded.len() < 16 * MAX_EXCLUDED;
+        }
+        self.excluded.len() < MAX_EXCLUDED && is_steep(original, facet, t)
     }
 
     /// Makes the sides between the chain and excluded triangles borders.
@@ -279,7 +294,7 @@ impl Flood {
             .iter()
             .map(|&t| original.corners(t).map(|p| facet.shadow(p)).map(|s| [s.l[1], s.l[2]]))
             .collect();
-        let cracks = self.borders.len() > self.cliffs;
+        let cracks = self.any_side || self.borders.len() > self.cliffs;
         let mut reach_sq = 0.0f64;
         let mut budget = 2 * MAX_PIECES;
         while let Some((piece, depth)) = self.pieces.pop() {
