@@ -261,10 +261,13 @@ impl<'a> Contractor<'a> {
         pulled.pull(DVec3::ZERO, PULL * q.trace());
         let at = pulled.minimum().unwrap_or(DVec3::ZERO);
         let mut places = [at, a - middle, b - middle].map(|p| (q.at(p), p));
-        // The pull moves corners inwards: an end may be better.
-        places.sort_by(|x, y| x.0.total_cmp(&y.0));
+        let limit = self.tolerance_sq * q.weight;
+        if places[0].0 > limit {
+            // The pull moves corners inwards: an end may be better.
+            places.sort_by(|x, y| x.0.total_cmp(&y.0));
+        }
         let value = places[0].0;
-        if value > self.tolerance_sq * q.weight {
+        if value > limit {
             return None;
         }
         Some((value + LENGTH * length_sq * q.weight, places.map(|(_, p)| self.frame.snap(middle + p))))
