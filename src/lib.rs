@@ -4,6 +4,8 @@
 //! depends on that crate directly and never sees the others.
 
 pub use farsight_geometry as geometry;
+#[cfg(feature = "hlod")]
+pub use farsight_hlod as hlod;
 #[cfg(feature = "occlusion")]
 pub use farsight_occlusion as occlusion;
 #[cfg(feature = "shadow")]

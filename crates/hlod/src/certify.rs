@@ -1,5 +1,6 @@
 //! Certifies a whole surface at once, and takes contractions back where that fails.
 
+use crate::appearance::{Appearance, Look};
 use crate::claims::Claims;
 use crate::complex::{Complex, Marks};
 use crate::cover::Coverer;
@@ -19,9 +20,22 @@ pub(crate) struct CertifiedSurface {
     pub seeds: Vec<u32>,
     /// Distance that the certificates of a face need, both directions, squared.
     pub reach_sq: Vec<f64>,
+    /// Looks of the faces' corners, and squared errors of appearance; empty when nobody asked.
+    pub looks: Vec<[Look; 3]>,
+    pub look_sq: Vec<f64>,
 }
 
 impl CertifiedSurface {
+    /// The largest error of appearance, off and along the surface.
+    pub(crate) fn look_error(&self) -> f64 {
+        let live = self.surface.faces.iter().zip(&self.look_sq).filter(|(f, _)| f[0] != NONE);
+        live.map(|(_, &r)| r).fold(0.0, f64::max).sqrt()
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        size_of::<[Look; 3]>() * self.looks.capacity() + self.surface.bytes() + self.claims.bytes() + 4 * self.seeds.capacity() + 8 * self.reach_sq.capacity()
+    }
+
     /// The largest distance of all certificates.
     pub(crate) fn reach(&self) -> f64 {
         let live = self.surface.faces.iter().zip(&self.reach_sq).filter(|(f, _)| f[0] != NONE);
@@ -55,8 +69,9 @@ pub(crate) fn certify_all(
     surface: Complex,
     log: &mut Log,
     tolerance_sq: f64,
+    appearance: Option<&Appearance>,
 ) -> (CertifiedSurface, CertifyCounts) {
-    Work::new(original, surface, log, tolerance_sq).run()
+    Work::new(original, surface, log, tolerance_sq, appearance).run()
 }
 
 /// What could not be certified.
@@ -72,8 +87,9 @@ pub(crate) fn certify_some(
     surface: Complex,
     log: &mut Log,
     tolerance_sq: f64,
+    appearance: Option<&Appearance>,
 ) -> (CertifiedSurface, CertifyCounts, Failed) {
-    let mut work = Work::new(original, surface, log, tolerance_sq);
+    let mut work = Work::new(original, surface, log, tolerance_sq, appearance);
     work.flood.any_side = true;
     let faces = work.live_faces();
     work.certify(&faces);
@@ -84,6 +100,7 @@ pub(crate) fn certify_some(
 
 struct Work<'a> {
     original: &'a Original,
+    appearance: Option<&'a Appearance<'a>>,
     log: &'a mut Log,
     flood: Flood,
     coverer: Coverer,
@@ -98,8 +115,16 @@ struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    fn new(original: &'a Original, surface: Complex, log: &'a mut Log, tolerance_sq: f64) -> Self {
+    fn new(
+        original: &'a Original,
+        surface: Complex,
+        log: &'a mut Log,
+        tolerance_sq: f64,
+        appearance: Option<&'a Appearance<'a>>,
+    ) -> Self {
         let count = original.triangles.len();
+        let looks: Vec<[Look; 3]> =
+            appearance.map_or(vec![], |a| (0..count as u32).map(|t| a.corners(original, t)).collect());
         Self {
             original,
             log,
@@ -112,8 +137,11 @@ impl<'a> Work<'a> {
                 claims: Claims::new(count),
                 seeds: (0..count as u32).collect(),
                 reach_sq: vec![0.0; count],
+                look_sq: vec![0.0; looks.len()],
+                looks,
             },
             tolerance_sq,
+            appearance,
             bad_faces: Vec::new(),
             bad_triangles: Vec::new(),
             counts: CertifyCounts { rounds: 1, ..CertifyCounts::default() },
@@ -174,7 +202,8 @@ impl<'a> Work<'a> {
 
     /// Backward certificates of the faces, forward ones of the triangles that one of them covers alone.
     fn flood_faces(&mut self, faces: &[u32]) {
-        let CertifiedSurface { surface, claims, seeds, reach_sq } = &mut self.certified;
+        let CertifiedSurface { surface, claims, seeds, reach_sq, looks, look_sq } = &mut self.certified;
+        let original = self.original;
         for &f in faces {
             let corners = surface.faces[f as usize];
             if corners[0] == NONE {
@@ -183,6 +212,9 @@ impl<'a> Work<'a> {
             if corners == self.original.triangles[f as usize] && corners.iter().all(|&v| self.log.is_single(v)) {
                 seeds[f as usize] = f;
                 reach_sq[f as usize] = 0.0;
+                if let Some(appearance) = self.appearance {
+                    (looks[f as usize], look_sq[f as usize]) = (appearance.corners(original, f), 0.0);
+                }
                 if !std::mem::replace(&mut self.covered[f as usize], true) {
                     claims.add(f, f);
                 }
@@ -194,7 +226,6 @@ impl<'a> Work<'a> {
             };
             let mut reach = 0.0f64;
             let (covered, straddling, tolerance_sq) = (&mut self.covered, &mut self.straddling, self.tolerance_sq);
-            let original = self.original;
             let before = straddling.len();
             let mut taken: Vec<u32> = Vec::new();
             let certified = self.flood.certify(original, &facet, seeds[f as usize], &[f], tolerance_sq, |t, shadows| {
@@ -211,6 +242,14 @@ impl<'a> Work<'a> {
                     straddling.push((t, f));
                 }
             });
+            let judged = self.appearance.map(|a| a.judge(original, &facet, self.flood.below()));
+            // By distance alone: what it looks like is reported, and holds nothing up.
+            let certified = certified.filter(|_| {
+                self.flood.any_side || judged.is_none_or(|(_, error_sq)| error_sq <= tolerance_sq)
+            });
+            if let Some(judged) = judged {
+                (looks[f as usize], look_sq[f as usize]) = judged;
+            }
             match certified {
                 Some(c) => {
                     seeds[f as usize] = c.seed;

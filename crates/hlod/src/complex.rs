@@ -50,6 +50,10 @@ impl Complex {
         }
     }
 
+    pub(crate) fn bytes(&self) -> usize {
+        24 * self.points.capacity() + 12 * self.faces.capacity() + 8 * self.ends.capacity() + 4 * self.next.capacity()
+    }
+
     fn append(&mut self, v: u32, corner: u32) {
         let [first, last] = &mut self.ends[v as usize];
         if *first == NONE {
@@ -149,6 +153,10 @@ impl Marks {
         Self { stamp: vec![0; len], now: 0 }
     }
 
+    pub(crate) fn bytes(&self) -> usize {
+        4 * self.stamp.capacity()
+    }
+
     pub(crate) fn clear(&mut self) {
         self.now = self.now.wrapping_add(1);
         if self.now == 0 {
@@ -177,6 +185,10 @@ pub(crate) struct LinkMarks {
 }
 
 impl LinkMarks {
+    pub(crate) fn bytes(&self) -> usize {
+        self.around_u.bytes() + self.apexes.bytes()
+    }
+
     pub(crate) fn new(vertices: usize) -> Self {
         Self { around_u: Marks::new(vertices), apexes: Marks::new(vertices) }
     }

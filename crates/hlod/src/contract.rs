@@ -3,6 +3,7 @@
 //! A contraction is made only if every face that it changes gets both certificates: the flood below it, and a cover of
 //! every original triangle that the old faces covered. Nothing else of the surface is looked at, since nothing else changes.
 
+use crate::appearance::{Appearance, Look};
 use crate::certify::CertifiedSurface;
 use crate::complex::{Complex, LinkMarks, Marks, link_holds, on_border};
 use crate::cover::Coverer;
@@ -106,6 +107,8 @@ struct NewFace {
     facet: Facet,
     seed: u32,
     reach_sq: f64,
+    /// Looks of the corners and the error of appearance, if asked for.
+    look: Option<([Look; 3], f64)>,
 }
 
 /// An original triangle that a contraction has to cover anew.
@@ -123,6 +126,7 @@ pub(crate) struct Contractor<'a> {
     frame: &'a Frame,
     state: CertifiedSurface,
     locked: &'a [bool],
+    appearance: Option<&'a Appearance<'a>>,
     tolerance_sq: f64,
     flood: Flood,
     coverer: Coverer,
@@ -155,6 +159,7 @@ impl<'a> Contractor<'a> {
         frame: &'a Frame,
         state: CertifiedSurface,
         locked: &'a [bool],
+        appearance: Option<&'a Appearance<'a>>,
         tolerance_sq: f64,
     ) -> Self {
         let (vertices, triangles) = (original.points.len(), original.triangles.len());
@@ -163,6 +168,7 @@ impl<'a> Contractor<'a> {
             frame,
             state,
             locked,
+            appearance,
             tolerance_sq,
             flood: Flood::new(original),
             coverer: Coverer::default(),
@@ -185,7 +191,7 @@ impl<'a> Contractor<'a> {
     }
 
     /// Contracts until every pair has failed since its surroundings last changed.
-    pub(crate) fn run(mut self) -> (CertifiedSurface, ContractCounts) {
+    pub(crate) fn run(mut self) -> (CertifiedSurface, ContractCounts, usize) {
         for u in 0..self.original.points.len() as u32 {
             self.push_pairs(u, |u, v| u < v);
         }
@@ -210,7 +216,17 @@ impl<'a> Contractor<'a> {
         }
         self.counts.visits = self.flood.visits;
         self.counts.pieces = self.coverer.count;
-        (self.state, self.counts)
+        let bytes = self.bytes();
+        (self.state, self.counts, bytes)
+    }
+
+    /// Bytes of the tables, most of all buckets as they were at their fullest.
+    pub(crate) fn bytes(&self) -> usize {
+        let vertices = 4 * (self.made.capacity() + self.changed.capacity() + self.culprit.capacity());
+        let triangles = self.is_gathered.bytes() + 4 * self.slot.capacity();
+        let pairs = size_of::<Pair>() * self.queue.buckets.iter().map(Vec::capacity).sum::<usize>()
+            + 12 * self.failed.capacity();
+        self.state.bytes() + self.flood.bytes() + self.links.bytes() + vertices + triangles + pairs
     }
 
     /// Queues the pairs of `u` and its neighbours.
@@ -331,7 +347,7 @@ impl<'a> Contractor<'a> {
                 let mut corners = s.corners(face);
                 corners[(corner & 3) as usize] = at;
                 let Some(facet) = Facet::new(corners) else { return false };
-                self.news.push(NewFace { face, facet, seed: self.state.seeds[face as usize], reach_sq: 0.0 });
+                self.news.push(NewFace { face, facet, seed: self.state.seeds[face as usize], reach_sq: 0.0, look: None });
             }
         }
         self.news.len() <= MAX_FACES
@@ -414,6 +430,10 @@ impl<'a> Contractor<'a> {
                     reach_sq = reach_sq.max(farthest);
                 });
             let Some(certified) = certified else { return Err(last) };
+            new.look = self.appearance.map(|a| a.judge(original, &new.facet, self.flood.below()));
+            if new.look.is_some_and(|(_, error_sq)| error_sq > tolerance_sq) {
+                return Err(NONE);
+            }
             new.seed = certified.seed;
             new.reach_sq = reach_sq.max(certified.reach_sq);
         }
@@ -509,6 +529,10 @@ impl<'a> Contractor<'a> {
         for new in &self.news {
             self.state.seeds[new.face as usize] = new.seed;
             self.state.reach_sq[new.face as usize] = new.reach_sq;
+            if let Some((looks, error_sq)) = new.look {
+                self.state.looks[new.face as usize] = looks;
+                self.state.look_sq[new.face as usize] = error_sq;
+            }
         }
         for f in s.faces_at(u).chain(s.faces_at(v)) {
             for x in s.faces[f as usize] {

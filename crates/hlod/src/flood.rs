@@ -88,6 +88,15 @@ impl Flood {
         }
     }
 
+    /// Triangles of the last facet's chain.
+    pub(crate) fn below(&self) -> &[u32] {
+        &self.layers
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        self.visited.bytes() + size_of::<(u32, [Shadow; 3])>() * self.stack.capacity() + 4 * self.layers.capacity()
+    }
+
     /// Certifies `facet` with the squared tolerance, or returns `None`.
     ///
     /// `hint` is a triangle near by, `nearby` are triangles to start from when it leads nowhere and to measure by where

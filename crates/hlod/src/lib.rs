@@ -1,5 +1,6 @@
 //! Simplification of triangle soups with a proven two-sided error bound.
 
+mod appearance;
 mod certify;
 mod claims;
 mod complex;

@@ -21,6 +21,8 @@ pub(crate) struct Original {
     /// Triangles that repeat a corner, and are no part of another one: segments and points that belong to the surface but have
     /// no side.
     pub lines: Vec<[u32; 3]>,
+    /// A vertex of the mesh at each point.
+    pub vertex: Vec<u32>,
     /// Vertices merged into another at the same position.
     pub welded: usize,
     /// Triangles dropped because an equal one, with the same side up, is there.
@@ -44,11 +46,13 @@ impl Original {
         keyed.sort_unstable();
         let mut new_id = vec![NONE; first.len()];
         let mut points = Vec::with_capacity(first.len());
+        let mut vertex = Vec::with_capacity(first.len());
         let mut number = |id: u32| {
             let new = &mut new_id[id as usize];
             if *new == NONE {
                 *new = points.len() as u32;
                 points.push(place(id));
+                vertex.push(first[id as usize]);
             }
             *new
         };
@@ -67,11 +71,17 @@ impl Original {
             doubled: before - triangles.len(),
             welded: id_of.len() - first.len(),
             points,
+            vertex,
             neighbours,
             triangles,
             source,
             lines,
         }
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        let per_triangle = 12 + 12 + 4;
+        28 * self.points.capacity() + per_triangle * self.triangles.capacity() + 12 * self.lines.capacity()
     }
 
     #[inline(always)]

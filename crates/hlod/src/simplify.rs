@@ -1,6 +1,7 @@
 //! Simplification with an error bound that holds.
 
 use crate::HlodError;
+use crate::appearance::{Appearance, Gathering};
 use crate::certify::{CertifiedSurface, Failed, certify_all, certify_some};
 use crate::complex::Complex;
 use crate::contract::Contractor;
@@ -33,13 +34,23 @@ pub enum Tier {
 pub struct SimplifyOptions {
     /// How much work the bound is worth.
     pub tier: Tier,
+    /// Whether normals, texture coordinates and colours are kept, and count: the way along the surface to where an attribute belongs and
+    /// the distance off the surface, added as squares, then stay within the tolerance too (by estimate). Otherwise the result has
+    /// positions only, and fewer triangles.
+    pub appearance: bool,
 }
 
 impl SimplifyOptions {
     /// The options with another tier.
     #[must_use]
     pub fn with_tier(self, tier: Tier) -> Self {
-        Self { tier }
+        Self { tier, ..self }
+    }
+
+    /// The options with attributes kept, or not.
+    #[must_use]
+    pub fn with_appearance(self, appearance: bool) -> Self {
+        Self { appearance, ..self }
     }
 }
 
@@ -47,14 +58,20 @@ impl SimplifyOptions {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Simplified {
-    /// The surface, with the origin of the input, welded, without attributes.
+    /// The surface, with the origin of the input, welded; with attributes if they were asked for. Vertices are parted where
+    /// attributes have a seam.
     pub mesh: TriangleMesh,
     /// Two-sided Hausdorff distance to the input, in its units.
     pub geometric: ErrorBound,
+    /// Distance along and off the surface to where an attribute belongs, at most the tolerance ([`Tier::Fast`]: may exceed it); `None` unless
+    /// asked for, and without attributes.
+    pub appearance: Option<ErrorBound>,
     /// Vertices of the input that were merged with another at the same position.
     pub welded: usize,
     /// Triangles of the input that repeated another and were dropped.
     pub doubled: usize,
+    /// Bytes of the tables that it worked on.
+    pub working_bytes: u64,
     /// Time, bytes of the result, and the counters `triangles` (of the input), `contractions`, `attempts`, `taken back`, `visits`
     /// (triangles that floods met) and `pieces` (that covers were made of).
     pub cost: Cost,
@@ -65,6 +82,15 @@ pub struct Simplified {
 /// Measured on five meshes: at 0.7 a fifth of the clusters fails the certificate, at 0.5 a twentieth, at 0.3 a hundredth, but more is
 /// left to the slower contractions.
 const QUICK_SHARE: f64 = 0.5;
+
+/// The same where attributes count.
+const QUICK_SHARE_WITH_LOOKS: f64 = 0.2;
+
+/// Original vertices that one may stand for where attributes count.
+const QUICK_MEMBERS_WITH_LOOKS: u32 = 4;
+
+/// Way along the surface, over the tolerance, within which looks of a vertex's corners become one.
+const ALIKE: f64 = 0.1;
 
 /// Width of the interval that a bound found afterwards lies in, over the tolerance.
 const MEASURE_SHARE: f64 = 0.02;
@@ -120,29 +146,41 @@ pub fn simplify(
     original.lines.iter().flatten().for_each(|&v| locked[v as usize] = true);
     let mut surface = Complex::new(original.points.clone(), original.triangles.clone());
     let members = if options.tier == Tier::Guaranteed { QUICK_MEMBERS } else { u32::MAX };
-    let limits = FastLimits { rms: QUICK_SHARE * limit, members };
+    let appearance = if options.appearance { Appearance::new(mesh, tolerance) } else { None };
+    let appearance = appearance.as_ref();
+    // Planes know nothing of attributes: less is left to them.
+    let (share, members) = match appearance {
+        Some(_) => (QUICK_SHARE_WITH_LOOKS, members.min(QUICK_MEMBERS_WITH_LOOKS)),
+        None => (QUICK_SHARE, members),
+    };
+    let limits = FastLimits { rms: share * limit, members };
     let mut log = contract_fast(&original, &frame, &mut surface, &locked, limits);
     let (state, failed) = match options.tier {
         Tier::Fast => {
-            let (state, counts, failed) = certify_some(&original, surface, &mut log, limit * limit);
+            let (state, counts, failed) = certify_some(&original, surface, &mut log, limit * limit, appearance);
             counts.add_to(&mut counters);
             (state, failed)
         }
         _ => {
-            let (state, counts) = certify_all(&original, surface, &mut log, limit * limit);
+            let (state, counts) = certify_all(&original, surface, &mut log, limit * limit, appearance);
             counts.add_to(&mut counters);
             (state, Failed::default())
         }
     };
     drop(log);
-    let state = if options.tier == Tier::Guaranteed {
-        let (state, counts) = Contractor::new(&original, &frame, state, &locked, limit * limit).run();
+    let (state, bytes) = if options.tier == Tier::Guaranteed {
+        let contractor = Contractor::new(&original, &frame, state, &locked, appearance, limit * limit);
+        let (state, counts, bytes) = contractor.run();
         counts.add_to(&mut counters);
-        state
+        (state, bytes)
     } else {
-        state
+        let bytes = state.bytes();
+        (state, bytes)
     };
-    let simple = output(mesh, &frame, &original, &state)?;
+    let simple = match appearance {
+        Some(a) => output_with_looks(mesh, &frame, &original, &state, a, ALIKE * limit)?,
+        None => output(mesh, &frame, &original, &state)?,
+    };
     let mut value = frame.length_out(state.reach() + SLACK).next_up();
     if options.tier == Tier::Fast {
         value = value.max(measure_failed(mesh, &simple, &original, &state, &failed, tolerance)?);
@@ -151,7 +189,16 @@ pub fn simplify(
     }
     let cost = Cost { time: start.elapsed(), bytes: simple.bytes(), counters };
     let geometric = ErrorBound::proven(value, Unit::Metres);
-    Ok(Simplified { mesh: simple, geometric, welded: original.welded, doubled: original.doubled, cost })
+    let working_bytes = (original.bytes() + bytes) as u64;
+    Ok(Simplified {
+        mesh: simple,
+        geometric,
+        appearance: appearance.map(|_| ErrorBound::estimated(frame.length_out(state.look_error()), Unit::Metres)),
+        welded: original.welded,
+        doubled: original.doubled,
+        working_bytes,
+        cost,
+    })
 }
 
 /// An upper bound of the distance of what was not certified, by branch and bound.
@@ -217,4 +264,27 @@ fn output(
     let faces = state.surface.faces.iter().filter(|f| f[0] != NONE);
     let triangles = faces.chain(&original.lines).map(|f| f.map(&mut number)).collect();
     Ok(TriangleMesh::new(positions, triangles)?.with_origin(mesh.origin())?)
+}
+
+/// [`output`] with attributes.
+fn output_with_looks(
+    mesh: &TriangleMesh,
+    frame: &Frame,
+    original: &Original,
+    state: &CertifiedSurface,
+    appearance: &Appearance,
+    tolerance: f64,
+) -> Result<TriangleMesh, HlodError> {
+    let mut gathering = Gathering::new(original.points.len());
+    let mut triangles = Vec::with_capacity(state.surface.live);
+    for (f, corners) in state.surface.faces.iter().enumerate().filter(|(_, c)| c[0] != NONE) {
+        let points = state.surface.corners(f as u32);
+        triangles.push(gathering.face(frame, *corners, points, &state.looks[f], tolerance));
+    }
+    for line in &original.lines {
+        let points = line.map(|v| original.points[v as usize]);
+        let looks = line.map(|v| appearance.vertex(original.vertex[v as usize]));
+        triangles.push(gathering.face(frame, *line, points, &looks, tolerance));
+    }
+    Ok(gathering.mesh(triangles, mesh)?)
 }
