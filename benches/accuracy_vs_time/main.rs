@@ -9,6 +9,7 @@
 
 mod check;
 mod geometry;
+mod hlod;
 mod occlusion;
 mod plot;
 mod row;
@@ -51,6 +52,7 @@ struct Sweep {
 
 const SWEEPS: &[Sweep] = &[
     Sweep { name: "geometry", caption: "Hausdorff distance: tolerance against time", rows: geometry::rows },
+    Sweep { name: "hlod", caption: "Simplification: tolerance and tier against time", rows: hlod::rows },
     Sweep {
         name: "occlusion",
         caption: "Occlusion culling: lost pixels against frame time",

@@ -14,7 +14,7 @@ pub fn oracle(mesh: &TriangleMesh, tolerance: f64) -> Option<usize> {
     FACTORS.iter().find_map(|f| {
         let simple = run(&welded, tolerance / f);
         // Whether the error holds: the interval need not be narrow where that is clear.
-        let options = HausdorffOptions::new(0.01 * tolerance).with_max_splits(1_000_000);
+        let options = HausdorffOptions::new(0.05 * tolerance).with_max_splits(60_000);
         let d = hausdorff(mesh, &simple, &options);
         (d.lower <= tolerance).then_some(simple.triangles().len())
     })
@@ -23,7 +23,8 @@ pub fn oracle(mesh: &TriangleMesh, tolerance: f64) -> Option<usize> {
 /// One run with a tolerance in the units of the mesh.
 pub fn run(mesh: &TriangleMesh, tolerance: f64) -> TriangleMesh {
     let indices: Vec<u32> = mesh.triangles().iter().flatten().copied().collect();
-    let vertices = VertexDataAdapter::new(bytemuck::cast_slice(mesh.positions()), 12, 0).expect("a list of positions");
+    let vertices = VertexDataAdapter::new(meshopt::typed_to_bytes(mesh.positions()), 12, 0)
+        .expect("a list of positions");
     let options = SimplifyOptions::ErrorAbsolute;
     let kept = meshopt::simplify(&indices, &vertices, 0, tolerance as f32, options, None);
     let simple = TriangleMesh::from_slices(mesh.positions(), &kept).expect("indices of the input");

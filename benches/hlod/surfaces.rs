@@ -5,8 +5,8 @@ use farsight_geometry::{TriangleMesh, hard_cases, io};
 use farsight_raster::Random;
 
 /// Generated ones: smooth and closed, rough and open, a part with flat faces and sharp edges, a noisy scan.
-pub fn generated(quick: bool) -> Vec<(String, TriangleMesh)> {
-    let n = if quick { 24 } else { 72 };
+/// `n` sets their size: 12 n² triangles in the largest but one.
+pub fn generated(n: u32) -> Vec<(String, TriangleMesh)> {
     let mut random = Random::new(7);
     let ball = hard_cases::bumpy_ball(n);
     let mut noisy: Vec<Vec3> = ball.positions().to_vec();
@@ -16,8 +16,16 @@ pub fn generated(quick: bool) -> Vec<(String, TriangleMesh)> {
     let scan = TriangleMesh::new(noisy, ball.triangles().to_vec()).expect("a ball");
     vec![
         ("ball".into(), ball),
-        ("hills".into(), terrain(3 * n, |x, y| 0.05 * (9.0 * x).sin() * (7.0 * y).cos() + 0.01 * (41.0 * x + 17.0 * y).sin())),
-        ("steps".into(), terrain(2 * n, |x, y| 0.2 * ((x * 4.0).floor() % 2.0) + 0.1 * ((y * 3.0).floor() % 2.0))),
+        (
+            "hills".into(),
+            terrain(3 * n, |x, y| {
+                0.05 * (9.0 * x).sin() * (7.0 * y).cos() + 0.01 * (41.0 * x + 17.0 * y).sin()
+            }),
+        ),
+        (
+            "steps".into(),
+            terrain(2 * n, |x, y| 0.2 * ((x * 4.0).floor() % 2.0) + 0.1 * ((y * 3.0).floor() % 2.0)),
+        ),
         ("noisy scan".into(), scan),
     ]
 }

@@ -79,7 +79,10 @@ impl<'a> Appearance<'a> {
         Look {
             normal: self.normals.as_ref().map_or(Vec3::ZERO, |n| n[v]),
             uv: self.mesh.uvs().map_or(Vec2::ZERO, |uv| uv[v]),
-            colour: self.mesh.colours().map_or(Vec4::ZERO, |c| Vec4::from(c[v].map(|x| f32::from(x) / 255.0))),
+            colour: self
+                .mesh
+                .colours()
+                .map_or(Vec4::ZERO, |c| Vec4::from(c[v].map(|x| f32::from(x) / 255.0))),
         }
     }
 
@@ -107,8 +110,9 @@ impl<'a> Appearance<'a> {
                 }
             }
         }
-        let looks: [Look; 3] =
-            std::array::from_fn(|c| looks[c].unwrap_or_else(|| self.nearest(original, below, facet.corners[c])));
+        let looks: [Look; 3] = std::array::from_fn(|c| {
+            looks[c].unwrap_or_else(|| self.nearest(original, below, facet.corners[c]))
+        });
         let rates = rates(facet, &looks);
         let longest = longest_side(facet);
         let mut worst = 0.0f64;
@@ -146,9 +150,8 @@ impl<'a> Appearance<'a> {
 
 /// Barycentric coordinates, in a triangle seen from a facet with its right side up, of a point given in the facet's.
 fn weights_at(shadows: &[Shadow; 3], at: [f64; 3]) -> Option<[f64; 3]> {
-    let turn = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
-        (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
-    };
+    let turn =
+        |a: [f64; 3], b: [f64; 3], c: [f64; 3]| (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1]);
     let [a, b, c] = [shadows[0].l, shadows[1].l, shadows[2].l];
     let w = [turn(b, c, at), turn(c, a, at), turn(a, b, at)];
     let sum = w[0] + w[1] + w[2];

@@ -33,7 +33,11 @@ impl CertifiedSurface {
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        size_of::<[Look; 3]>() * self.looks.capacity() + self.surface.bytes() + self.claims.bytes() + 4 * self.seeds.capacity() + 8 * self.reach_sq.capacity()
+        size_of::<[Look; 3]>() * self.looks.capacity()
+            + self.surface.bytes()
+            + self.claims.bytes()
+            + 4 * self.seeds.capacity()
+            + 8 * self.reach_sq.capacity()
     }
 
     /// The largest distance of all certificates.
@@ -209,7 +213,9 @@ impl<'a> Work<'a> {
             if corners[0] == NONE {
                 continue;
             }
-            if corners == self.original.triangles[f as usize] && corners.iter().all(|&v| self.log.is_single(v)) {
+            if corners == self.original.triangles[f as usize]
+                && corners.iter().all(|&v| self.log.is_single(v))
+            {
                 seeds[f as usize] = f;
                 reach_sq[f as usize] = 0.0;
                 if let Some(appearance) = self.appearance {
@@ -225,23 +231,26 @@ impl<'a> Work<'a> {
                 continue;
             };
             let mut reach = 0.0f64;
-            let (covered, straddling, tolerance_sq) = (&mut self.covered, &mut self.straddling, self.tolerance_sq);
+            let (covered, straddling, tolerance_sq) =
+                (&mut self.covered, &mut self.straddling, self.tolerance_sq);
             let before = straddling.len();
             let mut taken: Vec<u32> = Vec::new();
-            let certified = self.flood.certify(original, &facet, seeds[f as usize], &[f], tolerance_sq, |t, shadows| {
-                if covered[t as usize] {
-                    return;
-                }
-                let corners = original.corners(t);
-                let farthest = (0..3).map(|i| facet.distance_sq(corners[i], &shadows[i])).fold(0.0, f64::max);
-                if farthest <= tolerance_sq {
-                    covered[t as usize] = true;
-                    reach = reach.max(farthest);
-                    taken.push(t);
-                } else {
-                    straddling.push((t, f));
-                }
-            });
+            let certified =
+                self.flood.certify(original, &facet, seeds[f as usize], &[f], tolerance_sq, |t, shadows| {
+                    if covered[t as usize] {
+                        return;
+                    }
+                    let corners = original.corners(t);
+                    let farthest =
+                        (0..3).map(|i| facet.distance_sq(corners[i], &shadows[i])).fold(0.0, f64::max);
+                    if farthest <= tolerance_sq {
+                        covered[t as usize] = true;
+                        reach = reach.max(farthest);
+                        taken.push(t);
+                    } else {
+                        straddling.push((t, f));
+                    }
+                });
             let judged = self.appearance.map(|a| a.judge(original, &facet, self.flood.below()));
             // By distance alone: what it looks like is reported, and holds nothing up.
             let certified = certified.filter(|_| {
@@ -344,7 +353,9 @@ impl<'a> Work<'a> {
         let mut free = vec![v];
         for _ in 0..rounds {
             // The one with the most contractions left, so that halves fall apart evenly.
-            let Some(i) = (0..free.len()).filter(|&i| !self.log.is_single(free[i])).max_by_key(|&i| self.log.members_of(free[i]))
+            let Some(i) = (0..free.len())
+                .filter(|&i| !self.log.is_single(free[i]))
+                .max_by_key(|&i| self.log.members_of(free[i]))
             else {
                 break;
             };
@@ -388,4 +399,3 @@ impl<'a> Work<'a> {
         changed
     }
 }
-

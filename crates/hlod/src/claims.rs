@@ -31,7 +31,8 @@ impl Claims {
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        size_of::<Claim>() * self.claims.capacity() + 4 * (self.of_face.capacity() + self.of_triangle.capacity())
+        size_of::<Claim>() * self.claims.capacity()
+            + 4 * (self.of_face.capacity() + self.of_triangle.capacity())
     }
 
     pub(crate) fn add(&mut self, triangle: u32, face: u32) {

@@ -51,7 +51,10 @@ impl Complex {
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        24 * self.points.capacity() + 12 * self.faces.capacity() + 8 * self.ends.capacity() + 4 * self.next.capacity()
+        24 * self.points.capacity()
+            + 12 * self.faces.capacity()
+            + 8 * self.ends.capacity()
+            + 4 * self.next.capacity()
     }
 
     fn append(&mut self, v: u32, corner: u32) {
@@ -258,10 +261,17 @@ mod tests {
     }
 
     fn is_closed(s: &Complex) -> bool {
-        let mut sides: Vec<_> = s.faces.iter().filter(|f| f[0] != NONE).collect::<Vec<_>>()
-            .iter().flat_map(|f| (0..3).map(|i| (f[i], f[(i + 1) % 3])).collect::<Vec<_>>()).collect();
+        let mut sides: Vec<_> = s
+            .faces
+            .iter()
+            .filter(|f| f[0] != NONE)
+            .collect::<Vec<_>>()
+            .iter()
+            .flat_map(|f| (0..3).map(|i| (f[i], f[(i + 1) % 3])).collect::<Vec<_>>())
+            .collect();
         sides.sort_unstable();
-        sides.windows(2).all(|w| w[0] != w[1]) && sides.iter().all(|&(a, b)| sides.binary_search(&(b, a)).is_ok())
+        sides.windows(2).all(|w| w[0] != w[1])
+            && sides.iter().all(|&(a, b)| sides.binary_search(&(b, a)).is_ok())
     }
 
     #[test]

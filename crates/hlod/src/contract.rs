@@ -206,7 +206,9 @@ impl<'a> Contractor<'a> {
             let failed = std::mem::take(&mut self.failed);
             for (u, v, when) in failed {
                 let changed = self.changed[u as usize].max(self.changed[v as usize]);
-                if (pass == 0 || changed > when) && !self.state.surface.is_isolated(u) && !self.state.surface.is_isolated(v)
+                if (pass == 0 || changed > when)
+                    && !self.state.surface.is_isolated(u)
+                    && !self.state.surface.is_isolated(v)
                     && let Some((cost, _)) = self.evaluate(u, v)
                 {
                     let made = [self.made[u as usize], self.made[v as usize]];
@@ -298,7 +300,10 @@ impl<'a> Contractor<'a> {
             self.failed.push((u, v, self.clock));
             return;
         }
-        let Some((cost, places)) = self.evaluate(u, v) else { self.failed.push((u, v, self.clock)); return };
+        let Some((cost, places)) = self.evaluate(u, v) else {
+            self.failed.push((u, v, self.clock));
+            return;
+        };
         // The surroundings have changed: it is another's turn.
         if Buckets::key(cost) > key + 1 {
             self.queue.push(cost, pair);
@@ -347,7 +352,13 @@ impl<'a> Contractor<'a> {
                 let mut corners = s.corners(face);
                 corners[(corner & 3) as usize] = at;
                 let Some(facet) = Facet::new(corners) else { return false };
-                self.news.push(NewFace { face, facet, seed: self.state.seeds[face as usize], reach_sq: 0.0, look: None });
+                self.news.push(NewFace {
+                    face,
+                    facet,
+                    seed: self.state.seeds[face as usize],
+                    reach_sq: 0.0,
+                    look: None,
+                });
             }
         }
         self.news.len() <= MAX_FACES

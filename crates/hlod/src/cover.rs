@@ -49,7 +49,12 @@ pub(crate) struct Coverer {
 
 impl Coverer {
     /// Covers a triangle with at most 64 facets, or returns `None`.
-    pub(crate) fn cover(&mut self, triangle: [DVec3; 3], facets: &[&Facet], tolerance_sq: f64) -> Option<Cover> {
+    pub(crate) fn cover(
+        &mut self,
+        triangle: [DVec3; 3],
+        facets: &[&Facet],
+        tolerance_sq: f64,
+    ) -> Option<Cover> {
         self.corners.clear();
         self.corners.extend(triangle);
         self.pieces.clear();

@@ -218,7 +218,8 @@ pub(crate) fn keeps_orientation(s: &Complex, u: u32, v: u32, at: DVec3) -> bool 
         let (before, after) = ((pa - p).cross(pb - p), (pa - at).cross(pb - at));
         // A face without area has no orientation to keep.
         let sizes = before.length_squared() * after.length_squared();
-        let longest_sq = (pa - at).length_squared().max((pb - at).length_squared()).max((pa - pb).length_squared());
+        let longest_sq =
+            (pa - at).length_squared().max((pb - at).length_squared()).max((pa - pb).length_squared());
         let needle = after.length_squared() * (NEEDLE * NEEDLE) < longest_sq * longest_sq;
         sizes == 0.0 || !needle && before.dot(after) > 0.1 * sizes.sqrt()
     };

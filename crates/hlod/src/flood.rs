@@ -94,7 +94,9 @@ impl Flood {
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        self.visited.bytes() + size_of::<(u32, [Shadow; 3])>() * self.stack.capacity() + 4 * self.layers.capacity()
+        self.visited.bytes()
+            + size_of::<(u32, [Shadow; 3])>() * self.stack.capacity()
+            + 4 * self.layers.capacity()
     }
 
     /// Certifies `facet` with the squared tolerance, or returns `None`.
@@ -203,7 +205,8 @@ impl Flood {
         for i in 0..3 {
             let j = (i + 1) % 3;
             let neighbour = original.neighbours[t as usize][i];
-            if (neighbour != NONE && self.visited.has(neighbour)) || !meets_interior(&shadows[i], &shadows[j]) {
+            if (neighbour != NONE && self.visited.has(neighbour)) || !meets_interior(&shadows[i], &shadows[j])
+            {
                 continue;
             }
             let corners = &original.triangles[t as usize];
@@ -216,7 +219,8 @@ impl Flood {
             }
             self.visited.set(neighbour);
             let theirs = &original.triangles[neighbour as usize];
-            let Some(k) = (0..3).find(|&k| theirs[k] == corners[j] && theirs[(k + 1) % 3] == corners[i]) else {
+            let Some(k) = (0..3).find(|&k| theirs[k] == corners[j] && theirs[(k + 1) % 3] == corners[i])
+            else {
                 continue;
             };
             let mut next = [Shadow::default(); 3];
@@ -268,7 +272,8 @@ impl Flood {
             (inside || (0..3).any(|i| meets_interior(&s[i], &s[(i + 1) % 3]))).then_some((t, s))
         };
         let upright = |s: &[Shadow; 3]| turn2(s) > 0.0;
-        let found: Option<(u32, [Shadow; 3])> = nearby.iter().filter_map(|&t| meets(t)).find(|(_, s)| upright(s));
+        let found: Option<(u32, [Shadow; 3])> =
+            nearby.iter().filter_map(|&t| meets(t)).find(|(_, s)| upright(s));
         found.or_else(|| if hint == NONE { None } else { meets(hint) })
     }
 
@@ -345,7 +350,8 @@ impl Flood {
             budget -= 1;
             let (i, j) = farthest_pair(points);
             let (middle, along) = ((points[i] + points[j]) * 0.5, points[j] - points[i]);
-            let (up, down) = piece.cut(|c| (facet.at([1.0 - c[0] - c[1], c[0], c[1]]) - middle).dot(along))?;
+            let (up, down) =
+                piece.cut(|c| (facet.at([1.0 - c[0] - c[1], c[0], c[1]]) - middle).dot(along))?;
             self.pieces.extend([up, down].into_iter().flatten().map(|p| (p, depth + 1)));
         }
         Some(reach_sq)

@@ -182,7 +182,8 @@ fn neighbours(triangles: &[[u32; 3]], sides: &[(u64, u32)]) -> Vec<[u32; 3]> {
     let mut neighbours = vec![[NONE; 3]; triangles.len()];
     for users in sides.chunk_by(|a, b| a.0 == b.0) {
         if let [(_, x), (_, y)] = *users {
-            let ((t, i), (u, j)) = (((x >> 2) as usize, (x & 3) as usize), ((y >> 2) as usize, (y & 3) as usize));
+            let ((t, i), (u, j)) =
+                (((x >> 2) as usize, (x & 3) as usize), ((y >> 2) as usize, (y & 3) as usize));
             if triangles[t][i] != triangles[u][j] && t != u {
                 neighbours[t][i] = u as u32;
                 neighbours[u][j] = t as u32;
@@ -233,6 +234,13 @@ mod tests {
         let bare = of(&TriangleMesh::new(p, vec![[0, 1, 1], [1, 0, 0], [2, 2, 2]]).unwrap());
         assert_eq!(bare.lines.len(), 2);
         // The kept double is the first one in the input.
-        assert_eq!({ let mut s = o.source.clone(); s.sort_unstable(); s }, vec![0, 2]);
+        assert_eq!(
+            {
+                let mut s = o.source.clone();
+                s.sort_unstable();
+                s
+            },
+            vec![0, 2]
+        );
     }
 }

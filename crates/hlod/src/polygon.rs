@@ -103,7 +103,10 @@ mod tests {
 
     fn area(p: &Polygon<[f64; 2]>) -> f64 {
         let c = p.corners();
-        (0..c.len()).map(|i| (c[i], c[(i + 1) % c.len()])).map(|(a, b)| 0.5 * (a[0] * b[1] - a[1] * b[0])).sum()
+        (0..c.len())
+            .map(|i| (c[i], c[(i + 1) % c.len()]))
+            .map(|(a, b)| 0.5 * (a[0] * b[1] - a[1] * b[0]))
+            .sum()
     }
 
     #[test]

@@ -98,6 +98,9 @@ const MEASURE_SHARE: f64 = 0.02;
 /// Original vertices that one vertex may stand for before contractions are certified one by one.
 const QUICK_MEMBERS: u32 = 16;
 
+/// Corners are numbered by 4 · face + corner in 32 bits, and the cover relation may need several pairs a triangle.
+const MOST_TRIANGLES: usize = 1 << 28;
+
 /// Simplifies `mesh` as long as no point of either surface gets farther than `tolerance` from the other (two-sided
 /// Hausdorff distance of the surfaces, not of their vertices).
 ///
@@ -126,7 +129,7 @@ const QUICK_MEMBERS: u32 = 16;
 ///
 /// # Errors
 /// [`HlodError::Tolerance`] for a tolerance that is negative or not finite, [`HlodError::BelowResolution`] for one below the
-/// rounding of the coordinates.
+/// rounding of the coordinates, [`HlodError::TooLarge`] for more than 2²⁸ triangles.
 ///
 /// # References
 /// [Guthe 2004], section 3; quadrics by [Garland & Heckbert 1997]. Differs: the distance is bounded in both directions, to the surface
@@ -137,6 +140,9 @@ pub fn simplify(
     options: &SimplifyOptions,
 ) -> Result<Simplified, HlodError> {
     let start = Instant::now();
+    if mesh.triangles().len() > MOST_TRIANGLES {
+        return Err(HlodError::TooLarge { triangles: mesh.triangles().len(), limit: MOST_TRIANGLES });
+    }
     let frame = Frame::of(mesh);
     let limit = usable_tolerance(mesh, &frame, tolerance)?;
     let original = Original::new(mesh, &frame);
@@ -157,7 +163,8 @@ pub fn simplify(
     let mut log = contract_fast(&original, &frame, &mut surface, &locked, limits);
     let (state, failed) = match options.tier {
         Tier::Fast => {
-            let (state, counts, failed) = certify_some(&original, surface, &mut log, limit * limit, appearance);
+            let (state, counts, failed) =
+                certify_some(&original, surface, &mut log, limit * limit, appearance);
             counts.add_to(&mut counters);
             (state, failed)
         }
@@ -193,7 +200,8 @@ pub fn simplify(
     Ok(Simplified {
         mesh: simple,
         geometric,
-        appearance: appearance.map(|_| ErrorBound::estimated(frame.length_out(state.look_error()), Unit::Metres)),
+        appearance: appearance
+            .map(|_| ErrorBound::estimated(frame.length_out(state.look_error()), Unit::Metres)),
         welded: original.welded,
         doubled: original.doubled,
         working_bytes,

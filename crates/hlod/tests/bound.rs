@@ -55,14 +55,15 @@ fn every_tier_holds_on_every_hard_mesh() {
             let tolerance = size / share;
             for tier in TIERS {
                 let case = format!("{} 1/{share} {tier:?}", hard.name);
-                let simple = match simplify(&hard.mesh, tolerance, &SimplifyOptions::default().with_tier(tier)) {
-                    Ok(simple) => simple,
-                    Err(HlodError::BelowResolution { resolution, .. }) => {
-                        assert!(tolerance < resolution, "{case}");
-                        continue;
-                    }
-                    Err(other) => panic!("{case}: {other}"),
-                };
+                let simple =
+                    match simplify(&hard.mesh, tolerance, &SimplifyOptions::default().with_tier(tier)) {
+                        Ok(simple) => simple,
+                        Err(HlodError::BelowResolution { resolution, .. }) => {
+                            assert!(tolerance < resolution, "{case}");
+                            continue;
+                        }
+                        Err(other) => panic!("{case}: {other}"),
+                    };
                 assert_eq!(simple.mesh.is_empty(), hard.mesh.is_empty(), "{case}");
                 let claim = simple.geometric.value;
                 assert!(tier == Tier::Fast || claim <= tolerance, "{case}");
@@ -85,7 +86,8 @@ fn sampled(a: &TriangleMesh, b: &TriangleMesh) -> f64 {
     for [p, q, r] in corners(a).into_iter().step_by(step) {
         for (v, w) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (0.5, 0.0), (0.0, 0.5), (0.33, 0.33)] {
             let x = p + (q - p) * v + (r - p) * w;
-            let near = others.iter().map(|&t| closest_on_triangle(t, x).distance(x)).fold(f64::INFINITY, f64::min);
+            let near =
+                others.iter().map(|&t| closest_on_triangle(t, x).distance(x)).fold(f64::INFINITY, f64::min);
             worst = worst.max(near);
         }
     }
@@ -98,7 +100,8 @@ fn the_fast_tier_reports_what_it_really_did() {
         let size = mesh.world_bounds().diagonal();
         for share in [64.0, 512.0] {
             let tolerance = size / share;
-            let simple = simplify(&mesh, tolerance, &SimplifyOptions::default().with_tier(Tier::Fast)).unwrap();
+            let simple =
+                simplify(&mesh, tolerance, &SimplifyOptions::default().with_tier(Tier::Fast)).unwrap();
             let seen = sampled(&mesh, &simple.mesh).max(sampled(&simple.mesh, &mesh));
             let claim = simple.geometric.value;
             assert!(seen <= claim, "{name} 1/{share}: {seen} above {claim}");

@@ -128,7 +128,10 @@ fn sheets_that_share_an_edge_keep_sharing_it() {
     let mesh = common::three_sheets(24);
     let simple = simplify(&mesh, 0.002, &SimplifyOptions::default()).unwrap();
     let (before, after) = (mesh.report(), simple.mesh.report());
-    assert!(before.non_manifold_edges == 24 && after.non_manifold_edges > 0 && after.components == 1, "{after}");
+    assert!(
+        before.non_manifold_edges == 24 && after.non_manifold_edges > 0 && after.components == 1,
+        "{after}"
+    );
     assert!(simple.mesh.triangles().len() < mesh.triangles().len() / 8);
 }
 
