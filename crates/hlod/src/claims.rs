@@ -78,6 +78,27 @@ impl Claims {
         })
     }
 
+    /// [`triangles_of`](Self::triangles_of), freeing what was released on the way.
+    pub(crate) fn sweep(&mut self, face: u32, mut triangle: impl FnMut(u32)) {
+        let mut before = NONE;
+        let mut at = self.of_face[face as usize];
+        while at != NONE {
+            let claim = self.claims[at as usize];
+            if claim.triangle == NONE {
+                match before {
+                    NONE => self.of_face[face as usize] = claim.next_of_face,
+                    before => self.claims[before as usize].next_of_face = claim.next_of_face,
+                }
+                self.claims[at as usize].next_of_face = self.free;
+                self.free = at;
+            } else {
+                triangle(claim.triangle);
+                before = at;
+            }
+            at = claim.next_of_face;
+        }
+    }
+
     /// Forgets which faces cover `triangle`.
     pub(crate) fn release(&mut self, triangle: u32) {
         let mut at = std::mem::replace(&mut self.of_triangle[triangle as usize], NONE);
@@ -122,11 +143,16 @@ mod tests {
         for t in [0, 1, 3] {
             c.release(t);
         }
+        c.add(3, 2);
+        let mut found = Vec::new();
+        c.sweep(2, |t| found.push(t));
+        assert_eq!((found, c.claims.len()), (vec![3], 5));
+        c.release(3);
         c.clear_face(2);
         assert_eq!((c.triangles_of(2).count(), c.triangles_of(1).count()), (0, 0));
         c.add(0, 3);
         c.add(1, 3);
-        assert_eq!(c.claims.len(), 4);
+        assert_eq!(c.claims.len(), 5);
         assert_eq!((sorted(&mut c.triangles_of(3)), sorted(&mut c.faces_of(1))), (vec![0, 1], vec![3]));
     }
 }

@@ -141,6 +141,8 @@ pub(crate) struct Contractor<'a> {
     failed: Vec<(u32, u32, u32)>,
     /// The original triangle that the last failure at a vertex was about.
     culprit: Vec<u32>,
+    /// The face that the last failure was about.
+    failed_at: u32,
     is_gathered: Marks,
     slot: Vec<u32>,
     gathered: Vec<Gathered>,
@@ -179,6 +181,7 @@ impl<'a> Contractor<'a> {
             clock: 1,
             failed: Vec::new(),
             culprit: vec![NONE; vertices],
+            failed_at: NONE,
             is_gathered: Marks::new(triangles),
             slot: vec![0; triangles],
             gathered: Vec::new(),
@@ -361,6 +364,10 @@ impl<'a> Contractor<'a> {
                 });
             }
         }
+        // Where the last place failed, the next one may fail too.
+        if let Some(i) = self.news.iter().position(|n| n.face == self.failed_at) {
+            self.news.swap(0, i);
+        }
         self.news.len() <= MAX_FACES
     }
 
@@ -369,15 +376,16 @@ impl<'a> Contractor<'a> {
         self.is_gathered.clear();
         self.gathered.clear();
         self.nearby.clear();
-        let s = &self.state.surface;
+        let CertifiedSurface { surface: s, claims, .. } = &mut self.state;
+        let (gathered, nearby) = (&mut self.gathered, &mut self.nearby);
         for f in s.faces_at(u).chain(s.faces_at(v)) {
-            for t in self.state.claims.triangles_of(f) {
+            claims.sweep(f, |t| {
                 if self.is_gathered.set(t) {
-                    self.slot[t as usize] = self.gathered.len() as u32;
-                    self.gathered.push(Gathered { triangle: t, visitors: 0, by: 0, done: false });
-                    self.nearby.push(t);
+                    self.slot[t as usize] = gathered.len() as u32;
+                    gathered.push(Gathered { triangle: t, visitors: 0, by: 0, done: false });
+                    nearby.push(t);
                 }
-            }
+            });
         }
     }
 
@@ -440,7 +448,10 @@ impl<'a> Contractor<'a> {
                     (g.done, g.by) = (true, 1 << i);
                     reach_sq = reach_sq.max(farthest);
                 });
-            let Some(certified) = certified else { return Err(last) };
+            let Some(certified) = certified else {
+                self.failed_at = self.news[i].face;
+                return Err(last);
+            };
             new.look = self.appearance.map(|a| a.judge(original, &new.facet, self.flood.below()));
             if new.look.is_some_and(|(_, error_sq)| error_sq > tolerance_sq) {
                 return Err(NONE);
