@@ -146,7 +146,7 @@ impl Flood {
                 }
             }
             if may_hold_inner(&shadows) {
-                let layer = layer_surely_at(&shadows.map(|s| [s.l[1], s.l[2]]), [INNER[1], INNER[2]])?;
+                let layer = layer_at(&shadows.map(|s| [s.l[1], s.l[2]]), [INNER[1], INNER[2]])?;
                 if layer > 0 {
                     certified.seed = t;
                 }
@@ -291,11 +291,11 @@ impl Flood {
             let [a, b] = edge.outline;
             let mut i = 0;
             while i < self.pieces.len() {
-                if crosses(&self.pieces[i].0, a, b) {
-                    if let (Some(up), Some(down)) = self.pieces[i].0.cut(|p| turn(a, b, p))? {
-                        self.pieces[i].0 = up;
-                        self.pieces.push((down, 0));
-                    }
+                if crosses(&self.pieces[i].0, a, b)
+                    && let (Some(up), Some(down)) = self.pieces[i].0.cut(|p| turn(a, b, p))?
+                {
+                    self.pieces[i].0 = up;
+                    self.pieces.push((down, 0));
                 }
                 if self.pieces.len() > MAX_PIECES {
                     return None;
@@ -316,8 +316,8 @@ impl Flood {
             let inner = corners.iter().fold([0.0; 2], |s, c| {
                 [s[0] + c[0] / corners.len() as f64, s[1] + c[1] / corners.len() as f64]
             });
-            let layers: i32 = outlines.iter().map(|outline| layer_at(outline, inner)).sum();
-            if layers == 1 {
+            let layers: Option<i32> = outlines.iter().map(|outline| layer_at(outline, inner)).sum();
+            if layers == Some(1) {
                 continue;
             }
             let mut points = [DVec3::ZERO; crate::polygon::CORNERS];
@@ -402,19 +402,6 @@ fn turn2(s: &[Shadow; 3]) -> f64 {
     turn([s[0].l[1], s[0].l[2]], [s[1].l[1], s[1].l[2]], [s[2].l[1], s[2].l[2]])
 }
 
-/// 1 when the outline runs around `p` anticlockwise, −1 when clockwise, 0 when not.
-#[inline(always)]
-fn layer_at(outline: &Outline, p: [f64; 2]) -> i32 {
-    let s = [0, 1, 2].map(|i| turn(outline[i], outline[(i + 1) % 3], p));
-    if s[0] > 0.0 && s[1] > 0.0 && s[2] > 0.0 {
-        1
-    } else if s[0] < 0.0 && s[1] < 0.0 && s[2] < 0.0 {
-        -1
-    } else {
-        0
-    }
-}
-
 /// Whether the projected triangle's box in barycentric coordinates holds the point where layers are counted.
 #[inline(always)]
 fn may_hold_inner(s: &[Shadow; 3]) -> bool {
@@ -426,9 +413,9 @@ fn may_hold_inner(s: &[Shadow; 3]) -> bool {
     })
 }
 
-/// [`layer_at`], or `None` when rounding may decide.
+/// 1 when the outline runs around `p` anticlockwise, −1 when clockwise, 0 when not, `None` when rounding may decide.
 #[inline(always)]
-fn layer_surely_at(outline: &Outline, p: [f64; 2]) -> Option<i32> {
+fn layer_at(outline: &Outline, p: [f64; 2]) -> Option<i32> {
     let s = [0, 1, 2].map(|i| turn(outline[i], outline[(i + 1) % 3], p));
     let (low, high) = (s[0].min(s[1]).min(s[2]), s[0].max(s[1]).max(s[2]));
     let size = outline.iter().flatten().fold(1.0f64, |m, x| m.max(x.abs()));

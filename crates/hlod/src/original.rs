@@ -171,7 +171,8 @@ fn keep_bare_lines(lines: &mut Vec<[u32; 3]>, triangles: &[[u32; 3]], sides: &[(
     lines.retain(|&[a, _, c]| {
         let side = u64::from(a) << 32 | u64::from(c);
         let on_side = sides.binary_search_by_key(&side, |s| s.0).is_ok();
-        !on_side && !(a == c && corners.binary_search(&a).is_ok())
+        let is_corner = a == c && corners.binary_search(&a).is_ok();
+        !(on_side || is_corner)
     });
     lines.sort_unstable();
     // Two equal corners and a third: the middle one does not matter.

@@ -65,7 +65,7 @@ impl Quadric {
         let (cx, cy, cz) = (yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy);
         let determinant = xx * cx + xy * cy + xz * cz;
         let scale = self.trace() / 3.0;
-        if !(determinant > 1e-9 * scale * scale * scale) {
+        if determinant.is_nan() || determinant <= 1e-9 * scale * scale * scale {
             return None;
         }
         let (dy, dz, ez) = (xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy);

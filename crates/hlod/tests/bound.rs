@@ -111,3 +111,55 @@ fn the_fast_tier_reports_what_it_really_did() {
         }
     }
 }
+
+/// Numbers from a fixed sequence.
+fn numbers(mut seed: u64) -> impl FnMut(u32) -> u32 {
+    move |below| {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 33) as u32 % below
+    }
+}
+
+#[test]
+fn random_soups_on_a_grid_hold_whatever_coincides() {
+    use farsight_geometry::glam::Vec3;
+    // Corners on a coarse grid: edges of many triangles, folds, doubles, backs, triangles through each other.
+    for seed in 0..120 {
+        let mut number = numbers(seed);
+        let grid = 2 + number(4);
+        let mut at = || Vec3::from_array([0; 3].map(|_| number(grid) as f32));
+        let p: Vec<Vec3> = (0..6 + seed % 20).map(|_| at()).collect();
+        let count = p.len() as u32;
+        let t = (0..4 + number(60)).map(|_| [0; 3].map(|_| number(count))).collect();
+        let mesh = TriangleMesh::new(p, t).unwrap();
+        let tolerance = f64::from(1 + number(100)) * 0.01;
+        for tier in TIERS {
+            let simple = simplify(&mesh, tolerance, &SimplifyOptions::default().with_tier(tier)).unwrap();
+            let d = measure(&mesh, &simple, tolerance);
+            assert!(d.lower <= simple.geometric.value, "{seed} {tier:?}: {d:?}");
+            assert!(tier == Tier::Fast || simple.geometric.value <= tolerance, "{seed} {tier:?}");
+        }
+    }
+}
+
+#[test]
+fn crumpled_sheets_hold() {
+    use farsight_geometry::glam::vec3;
+    // Manifold, but folded over and through itself: floods meet many layers.
+    for seed in 0..24 {
+        let mut number = numbers(seed);
+        let n = 6 + number(10);
+        let strength = [0.05, 0.5, 2.0][number(3) as usize];
+        let sheet = common::terrain(n, |_, _| 0.0);
+        let mut offset = || (number(1000) as f32 / 1000.0 - 0.5) * strength;
+        let p = sheet.positions().iter().map(|&q| q * 2.0 + vec3(offset(), offset(), offset())).collect();
+        let mesh = TriangleMesh::new(p, sheet.triangles().to_vec()).unwrap();
+        let tolerance = f64::from(strength) * [0.02, 0.1, 0.3][number(3) as usize];
+        for tier in TIERS {
+            let simple = simplify(&mesh, tolerance, &SimplifyOptions::default().with_tier(tier)).unwrap();
+            let d = measure(&mesh, &simple, tolerance);
+            assert!(d.lower <= simple.geometric.value, "{seed} {tier:?}: {d:?}");
+            assert!(tier == Tier::Fast || simple.geometric.value <= tolerance, "{seed} {tier:?}");
+        }
+    }
+}
