@@ -120,5 +120,5 @@ pub const TIERS: [Tier; 3] = [Tier::Guaranteed, Tier::Verified, Tier::Fast];
 
 /// The distance between input and result, by code that the crate does not use for these tiers.
 pub fn measure(mesh: &TriangleMesh, simple: &Simplified, tolerance: f64) -> Hausdorff {
-    hausdorff(mesh, &simple.mesh, &HausdorffOptions::new(1e-3 * tolerance).with_max_splits(100_000))
+    hausdorff(mesh, &simple.mesh, &HausdorffOptions::new(1e-3 * tolerance).with_max_splits(40_000))
 }
