@@ -1,9 +1,10 @@
 //! Simplification: triangles kept, true error and rate beside meshoptimizer's. Every figure is printed beside the floor it is held to.
 //!
 //! `cargo bench --bench hlod` runs on generated surfaces, and on collected ones where `FARSIGHT_DATA` names their folder. `-- --quick` takes
-//! smaller ones; a file's name takes that one only.
+//! smaller ones; a file's name takes that one only. `-- --plot FOLDER` draws triangles and time against true error instead.
 
 mod peer;
+mod plot;
 mod surfaces;
 
 use farsight_geometry::TriangleMesh;
@@ -18,6 +19,11 @@ const SHARES: [f64; 3] = [128.0, 512.0, 2048.0];
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let quick = arguments.iter().any(|a| a == "--quick");
+    if let Some(i) = arguments.iter().position(|a| a == "--plot") {
+        let folder = arguments.get(i + 1).map_or(".", String::as_str);
+        draw(std::path::Path::new(folder), quick);
+        return;
+    }
     let wanted: Vec<&String> = arguments.iter().filter(|a| !a.starts_with("--")).collect();
     let mut surfaces = surfaces::generated(if quick { 24 } else { 72 });
     surfaces.extend(surfaces::collected());
@@ -102,6 +108,44 @@ fn row(name: &str, mesh: &TriangleMesh, share: f64, quick: bool) -> Row {
         tightness: tolerance / g.2,
         violations: tiers.iter().filter(|t| t.3).count(),
         rates: [g.1, v.1, f.1],
+    }
+}
+
+/// Draws what each tier and the peer need for the error that they really have.
+fn draw(folder: &std::path::Path, quick: bool) {
+    let surfaces = surfaces::generated(if quick { 24 } else { 72 });
+    let (name, mesh) = surfaces.last().expect("there are some");
+    let (size, welded) = (mesh.world_bounds().diagonal(), mesh.welded().mesh);
+    let shares = [64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0];
+    // Triangles, milliseconds and true error of each tolerance.
+    let points = |simplified: &dyn Fn(f64) -> TriangleMesh| {
+        shares.map(|share| {
+            let (simple, time) = timed(3, || simplified(size / share));
+            let error = true_error(mesh, &simple, size / share) / size;
+            (simple.triangles().len() as f64, time.as_secs_f64() * 1e3, error)
+        })
+    };
+    let tier = |tier: Tier| {
+        points(&|tolerance| {
+            let options = SimplifyOptions::default().with_tier(tier);
+            simplify(mesh, tolerance, &options).expect("the tolerance is usable").mesh
+        })
+    };
+    let all = [
+        ("guaranteed", tier(Tier::Guaranteed)),
+        ("verified", tier(Tier::Verified)),
+        ("fast", tier(Tier::Fast)),
+        ("meshoptimizer", points(&|tolerance| peer::run(&welded, tolerance))),
+    ];
+    let surface = format!("{name}, {} triangles", mesh.triangles().len());
+    let lines = |pick: fn(&(f64, f64, f64)) -> (f64, f64)| {
+        all.each_ref().map(|(name, points)| (*name, points.iter().map(pick).collect::<Vec<_>>()))
+    };
+    for (file, what, lines) in [
+        ("hlod-kept.svg", "triangles kept", lines(|p| (p.0, p.2))),
+        ("hlod-time.svg", "CPU time, ms", lines(|p| (p.1, p.2))),
+    ] {
+        plot::cost(&folder.join(file), &surface, what, &lines).expect("a place to write");
     }
 }
 
