@@ -10,6 +10,7 @@
 mod check;
 mod geometry;
 mod lod;
+mod hlod;
 mod occlusion;
 mod plot;
 mod points;
@@ -54,6 +55,7 @@ struct Sweep {
 
 const SWEEPS: &[Sweep] = &[
     Sweep { name: "geometry", caption: "Hausdorff distance: tolerance against time", rows: geometry::rows },
+    Sweep { name: "hlod", caption: "Simplification: tolerance and tier against time", rows: hlod::rows },
     Sweep {
         name: "lod",
         caption: "Vertex hierarchy: tolerance in pixels against update time",

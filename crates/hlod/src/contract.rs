@@ -1,0 +1,586 @@
+//! Contractions that are certified one by one.
+//!
+//! A contraction is made only if every face that it changes gets both certificates: the flood below it, and a cover of
+//! every original triangle that the old faces covered. Nothing else of the surface is looked at, since nothing else changes.
+
+use crate::appearance::{Appearance, Look};
+use crate::certify::CertifiedSurface;
+use crate::complex::{Complex, LinkMarks, Marks, link_holds, on_border};
+use crate::cover::Coverer;
+use crate::facet::Facet;
+use crate::fast::{border_quadric, keeps_orientation};
+use crate::flood::{Flood, steep_reach_sq};
+use crate::frame::Frame;
+use crate::original::{NONE, Original};
+use crate::quadric::Quadric;
+use farsight_geometry::accuracy::Counters;
+use glam::DVec3;
+
+/// Passes over the candidates that failed.
+const PASSES: u32 = 5;
+
+/// Faces that a contraction may leave around its vertex; a bit mask has to hold them.
+const MAX_FACES: usize = 60;
+
+/// Pull of a new vertex towards the middle of its pair, over the trace of the quadric: keeps minima unique where the surface
+/// is flat or bent in one direction only.
+const PULL: f64 = 1e-2;
+
+/// What the squared length of a pair adds to its cost, over the area around it: short pairs first where the surface is flat.
+const LENGTH: f64 = 1e-3;
+
+/// What the contractions took.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ContractCounts {
+    pub attempts: u64,
+    pub contractions: u64,
+    pub visits: u64,
+    pub pieces: u64,
+}
+
+impl ContractCounts {
+    pub(crate) fn add_to(&self, counters: &mut Counters) {
+        counters.add("attempts", self.attempts);
+        counters.add("contractions", self.contractions);
+        counters.add("visits", self.visits);
+        counters.add("pieces", self.pieces);
+    }
+}
+
+/// A pair that may be contracted, with the state of its ends when that was found.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    u: u32,
+    v: u32,
+    made: [u32; 2],
+}
+
+/// Pairs by the size of their cost: half powers of two, first come first served within.
+#[derive(Clone, Debug)]
+struct Buckets {
+    buckets: Vec<Vec<Pair>>,
+    lowest: usize,
+    /// How many of the lowest bucket are taken.
+    taken: usize,
+}
+
+impl Buckets {
+    /// Costs below 2⁻¹⁰⁰ are equal, as are those above 2²⁷.
+    const COUNT: usize = 256;
+
+    fn new() -> Self {
+        Self { buckets: vec![Vec::new(); Self::COUNT], lowest: 0, taken: 0 }
+    }
+
+    fn key(cost: f64) -> usize {
+        let half_powers = (cost.max(f64::MIN_POSITIVE).to_bits() >> 51) as usize;
+        half_powers.saturating_sub((1023 - 100) << 1).min(Self::COUNT - 1)
+    }
+
+    fn push(&mut self, cost: f64, pair: Pair) {
+        let key = Self::key(cost);
+        if key < self.lowest {
+            self.buckets[self.lowest].drain(..self.taken);
+            (self.lowest, self.taken) = (key, 0);
+        }
+        self.buckets[key].push(pair);
+    }
+
+    fn pop(&mut self) -> Option<(usize, Pair)> {
+        while self.lowest < Self::COUNT {
+            let bucket = &mut self.buckets[self.lowest];
+            if let Some(&pair) = bucket.get(self.taken) {
+                self.taken += 1;
+                return Some((self.lowest, pair));
+            }
+            bucket.clear();
+            (self.lowest, self.taken) = (self.lowest + 1, 0);
+        }
+        self.lowest = 0;
+        None
+    }
+}
+
+/// A face as a contraction would leave it.
+struct NewFace {
+    face: u32,
+    facet: Facet,
+    seed: u32,
+    reach_sq: f64,
+    /// Looks of the corners and the error of appearance, if asked for.
+    look: Option<([Look; 3], f64)>,
+}
+
+/// An original triangle that a contraction has to cover anew.
+struct Gathered {
+    triangle: u32,
+    /// New faces whose floods visited it.
+    visitors: u64,
+    /// New faces that cover it.
+    by: u64,
+    done: bool,
+}
+
+pub(crate) struct Contractor<'a> {
+    original: &'a Original,
+    frame: &'a Frame,
+    state: CertifiedSurface,
+    locked: &'a [bool],
+    appearance: Option<&'a Appearance<'a>>,
+    tolerance_sq: f64,
+    flood: Flood,
+    coverer: Coverer,
+    links: LinkMarks,
+    queue: Buckets,
+    /// How often a vertex was moved.
+    made: Vec<u32>,
+    /// When a face at the vertex last changed.
+    changed: Vec<u32>,
+    clock: u32,
+    /// Failed pairs and when they failed.
+    failed: Vec<(u32, u32, u32)>,
+    /// The original triangle that the last failure at a vertex was about.
+    culprit: Vec<u32>,
+    /// The face that the last failure was about.
+    failed_at: u32,
+    is_gathered: Marks,
+    slot: Vec<u32>,
+    gathered: Vec<Gathered>,
+    news: Vec<NewFace>,
+    nearby: Vec<u32>,
+    /// Kept faces that a gathered triangle needs besides new ones: (slot, face).
+    kept: Vec<(u32, u32)>,
+    /// Kept faces that cover gathered triangles together with new ones.
+    ring: Vec<(u32, Facet)>,
+    counts: ContractCounts,
+}
+
+impl<'a> Contractor<'a> {
+    pub(crate) fn new(
+        original: &'a Original,
+        frame: &'a Frame,
+        state: CertifiedSurface,
+        locked: &'a [bool],
+        appearance: Option<&'a Appearance<'a>>,
+        tolerance_sq: f64,
+    ) -> Self {
+        let (vertices, triangles) = (original.points.len(), original.triangles.len());
+        Self {
+            original,
+            frame,
+            state,
+            locked,
+            appearance,
+            tolerance_sq,
+            flood: Flood::new(original),
+            coverer: Coverer::default(),
+            links: LinkMarks::new(vertices),
+            queue: Buckets::new(),
+            made: vec![0; vertices],
+            changed: vec![1; vertices],
+            clock: 1,
+            failed: Vec::new(),
+            culprit: vec![NONE; vertices],
+            failed_at: NONE,
+            is_gathered: Marks::new(triangles),
+            slot: vec![0; triangles],
+            gathered: Vec::new(),
+            news: Vec::new(),
+            nearby: Vec::new(),
+            kept: Vec::new(),
+            ring: Vec::new(),
+            counts: ContractCounts::default(),
+        }
+    }
+
+    /// Contracts until every pair has failed since its surroundings last changed.
+    pub(crate) fn run(mut self) -> (CertifiedSurface, ContractCounts, usize) {
+        for u in 0..self.original.points.len() as u32 {
+            self.push_pairs(u, |u, v| u < v);
+        }
+        for pass in 0..PASSES {
+            let before = self.counts.contractions;
+            while let Some((key, pair)) = self.queue.pop() {
+                self.try_pair(key, pair, pass > 0);
+            }
+            if pass > 0 && (self.counts.contractions - before) * 200 < self.state.surface.live as u64 {
+                break;
+            }
+            let failed = std::mem::take(&mut self.failed);
+            for (u, v, when) in failed {
+                let changed = self.changed[u as usize].max(self.changed[v as usize]);
+                if (pass == 0 || changed > when)
+                    && !self.state.surface.is_isolated(u)
+                    && !self.state.surface.is_isolated(v)
+                    && let Some((cost, _)) = self.evaluate(u, v)
+                {
+                    let made = [self.made[u as usize], self.made[v as usize]];
+                    self.queue.push(cost, Pair { u, v, made });
+                }
+            }
+        }
+        self.counts.visits = self.flood.visits;
+        self.counts.pieces = self.coverer.count;
+        let bytes = self.bytes();
+        (self.state, self.counts, bytes)
+    }
+
+    /// Bytes of the tables, most of all buckets as they were at their fullest.
+    pub(crate) fn bytes(&self) -> usize {
+        let vertices = 4 * (self.made.capacity() + self.changed.capacity() + self.culprit.capacity());
+        let triangles = self.is_gathered.bytes() + 4 * self.slot.capacity();
+        let pairs = size_of::<Pair>() * self.queue.buckets.iter().map(Vec::capacity).sum::<usize>()
+            + 12 * self.failed.capacity();
+        self.state.bytes() + self.flood.bytes() + self.links.bytes() + vertices + triangles + pairs
+    }
+
+    /// Queues the pairs of `u` and its neighbours.
+    fn push_pairs(&mut self, u: u32, wanted: impl Fn(u32, u32) -> bool) {
+        let mut neighbours: Vec<u32> = Vec::with_capacity(16);
+        for corner in self.state.surface.corners_at(u) {
+            for v in self.state.surface.others(corner) {
+                if wanted(u, v) && !neighbours.contains(&v) {
+                    neighbours.push(v);
+                }
+            }
+        }
+        for v in neighbours {
+            if let Some((cost, _)) = self.evaluate(u, v) {
+                let made = [self.made[u as usize], self.made[v as usize]];
+                self.queue.push(cost, Pair { u, v, made });
+            }
+        }
+    }
+
+    /// Cost of a contraction by the quadric of the faces around it, and places for it, the best first; `None` when it cannot come out
+    /// well.
+    fn evaluate(&self, u: u32, v: u32) -> Option<(f64, [DVec3; 3])> {
+        if self.locked[u as usize] || self.locked[v as usize] {
+            return None;
+        }
+        let s = &self.state.surface;
+        let (a, b) = (s.points[u as usize], s.points[v as usize]);
+        let middle = (a + b) * 0.5;
+        let mut q = Quadric::default();
+        let mut add_face = |f: u32| {
+            let c = s.corners(f).map(|p| p - middle);
+            let cross = (c[1] - c[0]).cross(c[2] - c[0]);
+            let double_area = cross.length();
+            if double_area > 0.0 {
+                q.add(&Quadric::plane(cross / double_area, c[0], 0.5 * double_area));
+            }
+        };
+        s.faces_at(u).for_each(&mut add_face);
+        s.faces_at(v).filter(|&f| !s.faces[f as usize].contains(&u)).for_each(&mut add_face);
+        for (x, y) in [(u, v), (v, u)] {
+            if on_border(s, x) {
+                add_border(s, x, y, middle, &mut q);
+            }
+        }
+        let length_sq = a.distance_squared(b);
+        let mut pulled = q;
+        pulled.pull(DVec3::ZERO, PULL * q.trace());
+        let at = pulled.minimum().unwrap_or(DVec3::ZERO);
+        let mut places = [at, a - middle, b - middle].map(|p| (q.at(p), p));
+        let limit = self.tolerance_sq * q.weight;
+        if places[0].0 > limit {
+            // The pull moves corners inwards: an end may be better.
+            places.sort_by(|x, y| x.0.total_cmp(&y.0));
+        }
+        let value = places[0].0;
+        if value > limit {
+            return None;
+        }
+        Some((value + LENGTH * length_sq * q.weight, places.map(|(_, p)| self.frame.snap(middle + p))))
+    }
+
+    fn try_pair(&mut self, key: usize, pair: Pair, all_places: bool) {
+        let Pair { u, v, made } = pair;
+        if [self.made[u as usize], self.made[v as usize]] != made {
+            return;
+        }
+        if !link_holds(&self.state.surface, u, v, &mut self.links) {
+            self.failed.push((u, v, self.clock));
+            return;
+        }
+        let Some((cost, places)) = self.evaluate(u, v) else {
+            self.failed.push((u, v, self.clock));
+            return;
+        };
+        // The surroundings have changed: it is another's turn.
+        if Buckets::key(cost) > key + 1 {
+            self.queue.push(cost, pair);
+            return;
+        }
+        let places = if all_places { &places[..] } else { &places[..1] };
+        for &at in places {
+            if self.attempt(u, v, at) {
+                self.push_pairs(u, |_, _| true);
+                return;
+            }
+        }
+        self.failed.push((u, v, self.clock));
+    }
+
+    /// Contracts the pair to `at` if all that it changes can be certified.
+    fn attempt(&mut self, u: u32, v: u32, at: DVec3) -> bool {
+        self.counts.attempts += 1;
+        if !keeps_orientation(&self.state.surface, u, v, at) || !self.make_faces(u, v, at) {
+            return false;
+        }
+        self.gather(u, v);
+        let culprits = [self.culprit[u as usize], self.culprit[v as usize]];
+        if culprits.iter().any(|&t| self.will_fail(u, v, t)) {
+            return false;
+        }
+        if let Err(culprit) = self.certify_faces().and_then(|()| self.cover_rest(u, v)) {
+            self.culprit[u as usize] = culprit;
+            self.culprit[v as usize] = culprit;
+            return false;
+        }
+        self.commit(u, v, at);
+        true
+    }
+
+    /// The faces that would be there; `false` when one is too thin or there are too many.
+    fn make_faces(&mut self, u: u32, v: u32, at: DVec3) -> bool {
+        self.news.clear();
+        let s = &self.state.surface;
+        for (x, y) in [(u, v), (v, u)] {
+            for corner in s.corners_at(x) {
+                let face = corner >> 2;
+                if s.faces[face as usize].contains(&y) {
+                    continue;
+                }
+                let mut corners = s.corners(face);
+                corners[(corner & 3) as usize] = at;
+                let Some(facet) = Facet::new(corners) else { return false };
+                self.news.push(NewFace {
+                    face,
+                    facet,
+                    seed: self.state.seeds[face as usize],
+                    reach_sq: 0.0,
+                    look: None,
+                });
+            }
+        }
+        // Where the last place failed, the next one may fail too.
+        if let Some(i) = self.news.iter().position(|n| n.face == self.failed_at) {
+            self.news.swap(0, i);
+        }
+        self.news.len() <= MAX_FACES
+    }
+
+    /// The original triangles that the faces around the pair cover.
+    fn gather(&mut self, u: u32, v: u32) {
+        self.is_gathered.clear();
+        self.gathered.clear();
+        self.nearby.clear();
+        let CertifiedSurface { surface: s, claims, .. } = &mut self.state;
+        let (gathered, nearby) = (&mut self.gathered, &mut self.nearby);
+        for f in s.faces_at(u).chain(s.faces_at(v)) {
+            claims.sweep(f, |t| {
+                if self.is_gathered.set(t) {
+                    self.slot[t as usize] = gathered.len() as u32;
+                    gathered.push(Gathered { triangle: t, visitors: 0, by: 0, done: false });
+                    nearby.push(t);
+                }
+            });
+        }
+    }
+
+    fn is_touched(&self, face: u32, u: u32, v: u32) -> bool {
+        let f = &self.state.surface.faces[face as usize];
+        f.contains(&u) || f.contains(&v)
+    }
+
+    /// Whether the triangle, at which an earlier attempt failed, will make this one fail too: it is too high over a new face, or
+    /// too far from all of them where nothing else may cover it.
+    fn will_fail(&self, u: u32, v: u32, triangle: u32) -> bool {
+        if triangle == NONE || !self.is_gathered.has(triangle) {
+            return false;
+        }
+        // Over a new face and too high there: the flood will find it, unless it belongs to another sheet.
+        let same_sheet_sq = 16.0 * self.tolerance_sq;
+        let too_high = self.news.iter().any(|n| {
+            let shadows = self.original.corners(triangle).map(|p| n.facet.shadow(p));
+            let highest = shadows.iter().map(|s| s.h * s.h).fold(0.0, f64::max);
+            highest > self.tolerance_sq
+                && highest < same_sheet_sq
+                && steep_reach_sq(self.original, &n.facet, triangle, &shadows, self.tolerance_sq).is_none()
+        });
+        let far = |p: DVec3| self.news.iter().all(|n| n.facet.distance_sq_to(p) > self.tolerance_sq);
+        too_high
+            || self.original.corners(triangle).into_iter().any(far)
+                && self.state.claims.faces_of(triangle).all(|f| self.is_touched(f, u, v))
+    }
+
+    /// Backward certificates of the new faces, noting on the way whom they cover. Fails with the triangle to blame.
+    fn certify_faces(&mut self) -> Result<(), u32> {
+        let original = self.original;
+        let tolerance_sq = self.tolerance_sq;
+        for i in 0..self.news.len() {
+            let new = &mut self.news[i];
+            let (gathered, slot, is_gathered) = (&mut self.gathered, &self.slot, &self.is_gathered);
+            let facet = &new.facet;
+            let mut reach_sq = 0.0f64;
+            let mut last = NONE;
+            let certified =
+                self.flood.certify(original, facet, new.seed, &self.nearby, tolerance_sq, |t, shadows| {
+                    last = t;
+                    if !is_gathered.has(t) {
+                        return;
+                    }
+                    let g = &mut gathered[slot[t as usize] as usize];
+                    if g.done {
+                        return;
+                    }
+                    g.visitors |= 1 << i;
+                    let corners = original.corners(t);
+                    let mut farthest = 0.0f64;
+                    for k in 0..3 {
+                        let d = facet.distance_sq(corners[k], &shadows[k]);
+                        if d > tolerance_sq {
+                            return;
+                        }
+                        farthest = farthest.max(d);
+                    }
+                    (g.done, g.by) = (true, 1 << i);
+                    reach_sq = reach_sq.max(farthest);
+                });
+            let Some(certified) = certified else {
+                self.failed_at = self.news[i].face;
+                return Err(last);
+            };
+            new.look = self.appearance.map(|a| a.judge(original, &new.facet, self.flood.below()));
+            if new.look.is_some_and(|(_, error_sq)| error_sq > tolerance_sq) {
+                return Err(NONE);
+            }
+            new.seed = certified.seed;
+            new.reach_sq = reach_sq.max(certified.reach_sq);
+        }
+        Ok(())
+    }
+
+    /// Forward certificates of the triangles that no new face covers alone. Fails with the triangle to blame.
+    fn cover_rest(&mut self, u: u32, v: u32) -> Result<(), u32> {
+        self.kept.clear();
+        self.ring.clear();
+        let mut kept = Vec::new();
+        for i in 0..self.gathered.len() {
+            if self.gathered[i].done {
+                continue;
+            }
+            let triangle = self.gathered[i].triangle;
+            kept.clear();
+            for f in self.state.claims.faces_of(triangle) {
+                if self.is_touched(f, u, v) {
+                    continue;
+                }
+                let known = self.ring.iter().position(|r| r.0 == f).or_else(|| {
+                    // The claim was made with this facet, so there is one.
+                    self.ring.push((f, Facet::new(self.state.surface.corners(f))?));
+                    Some(self.ring.len() - 1)
+                });
+                kept.extend(known);
+            }
+            let visitors = self.gathered[i].visitors;
+            if !self.cover_one(i, visitors, &kept) && !self.cover_one(i, u64::MAX, &kept) {
+                return Err(triangle);
+            }
+        }
+        Ok(())
+    }
+
+    /// Covers a gathered triangle by the new faces of a bit mask and by kept ones.
+    fn cover_one(&mut self, i: usize, mask: u64, kept: &[usize]) -> bool {
+        let mut facets: Vec<&Facet> = Vec::with_capacity(16);
+        let mut indices: Vec<usize> = Vec::with_capacity(16);
+        for (k, new) in self.news.iter().enumerate() {
+            if mask & 1 << k != 0 {
+                facets.push(&new.facet);
+                indices.push(k);
+            }
+        }
+        let news = facets.len();
+        facets.extend(kept.iter().map(|&k| &self.ring[k].1).take(64 - news));
+        let total = facets.len();
+        let corners = self.original.corners(self.gathered[i].triangle);
+        let Some(cover) = self.coverer.cover(corners, &facets, self.tolerance_sq) else { return false };
+        let mut by = 0;
+        for bit in 0..total {
+            if cover.facets & 1 << bit == 0 {
+                continue;
+            }
+            if bit < news {
+                by |= 1 << indices[bit];
+                let reach = &mut self.news[indices[bit]].reach_sq;
+                *reach = reach.max(cover.reach_sq);
+            } else {
+                let face = self.ring[kept[bit - news]].0;
+                self.kept.push((i as u32, face));
+                let reach = &mut self.state.reach_sq[face as usize];
+                *reach = reach.max(cover.reach_sq);
+            }
+        }
+        (self.gathered[i].done, self.gathered[i].by) = (true, by);
+        true
+    }
+
+    fn commit(&mut self, u: u32, v: u32, at: DVec3) {
+        self.counts.contractions += 1;
+        self.clock += 1;
+        let claims = &mut self.state.claims;
+        for g in &self.gathered {
+            claims.release(g.triangle);
+        }
+        let s = &self.state.surface;
+        for f in s.faces_at(u).chain(s.faces_at(v)) {
+            claims.clear_face(f);
+        }
+        for g in &self.gathered {
+            let mut by = g.by;
+            while by != 0 {
+                claims.add(g.triangle, self.news[by.trailing_zeros() as usize].face);
+                by &= by - 1;
+            }
+        }
+        for &(i, face) in &self.kept {
+            claims.add(self.gathered[i as usize].triangle, face);
+        }
+        for new in &self.news {
+            self.state.seeds[new.face as usize] = new.seed;
+            self.state.reach_sq[new.face as usize] = new.reach_sq;
+            if let Some((looks, error_sq)) = new.look {
+                self.state.looks[new.face as usize] = looks;
+                self.state.look_sq[new.face as usize] = error_sq;
+            }
+        }
+        for f in s.faces_at(u).chain(s.faces_at(v)) {
+            for x in s.faces[f as usize] {
+                self.changed[x as usize] = self.clock;
+            }
+        }
+        self.state.surface.contract(u, v, at);
+        self.made[u as usize] += 1;
+        self.made[v as usize] += 1;
+    }
+}
+
+/// Adds walls on the edges at `x` that do not have exactly two faces, but for the one to `except`, which the other end adds or not.
+fn add_border(s: &Complex, x: u32, except: u32, middle: DVec3, q: &mut Quadric) {
+    for corner in s.corners_at(x) {
+        for y in s.others(corner) {
+            let users = s.faces_at(x).filter(|&f| s.faces[f as usize].contains(&y)).count();
+            if users == 2 || (y == except && x > except) {
+                continue;
+            }
+            let c = s.corners(corner >> 2).map(|p| p - middle);
+            let Some(normal) = (c[1] - c[0]).cross(c[2] - c[0]).try_normalize() else { continue };
+            let (a, b) = (s.points[x as usize] - middle, s.points[y as usize] - middle);
+            if let Some(wall) = border_quadric(a, b, normal) {
+                q.add(&wall);
+            }
+        }
+    }
+}

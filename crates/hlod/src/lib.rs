@@ -1,0 +1,77 @@
+//! Simplifies triangle soups and knows how far the result is off.
+//!
+//! ```
+//! use farsight_geometry::hard_cases::bumpy_ball;
+//! use farsight_hlod::{SimplifyOptions, simplify};
+//!
+//! let ball = bumpy_ball(30); // 10,800 triangles, radius about 1
+//! let simple = simplify(&ball, 0.01, &SimplifyOptions::default())?;
+//! assert!(simple.mesh.triangles().len() < 1500);
+//! // No point of either surface is farther from the other: proven, rounding included.
+//! assert!(simple.geometric.value <= 0.01);
+//! # Ok::<(), farsight_hlod::HlodError>(())
+//! ```
+//!
+//! Two certificates stand behind the bound, each for one direction. *Backward*: every point of a new triangle has a point of
+//! the original within the tolerance, found by a flood over the original triangles below it. *Forward*: every original triangle is cut into
+//! convex pieces, each within the tolerance of one new triangle. Both are checked for what a contraction changes, when it
+//! is made, and for nothing else: distances are to the original, not added up from step to step.
+//!
+//! The work is done in three phases: quick contractions by quadrics, without any certainty; certification of the whole, taking back the
+//! contractions that fail; then contractions that are certified one by one. [`Tier`] chooses how far to go.
+//!
+//! Source: Guthe 2004, section 3. The certificates are new.
+
+mod appearance;
+mod certify;
+mod claims;
+mod complex;
+mod contract;
+mod cover;
+mod facet;
+mod fast;
+mod flood;
+mod frame;
+mod original;
+mod polygon;
+mod quadric;
+mod simplify;
+
+pub use glam;
+pub use simplify::{Simplified, SimplifyOptions, Tier, simplify};
+
+/// Why something could not be simplified.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum HlodError {
+    /// The tolerance is negative or not finite.
+    #[error("a tolerance of {tolerance} is impossible; it must be finite and not negative")]
+    Tolerance {
+        /// The tolerance.
+        tolerance: f64,
+    },
+    /// The tolerance is below what the coordinates can tell apart.
+    #[error("a tolerance of {tolerance:e} is below the coordinates' resolution of {resolution:e}")]
+    BelowResolution {
+        /// The tolerance.
+        tolerance: f64,
+        /// The least one that makes sense for this mesh.
+        resolution: f64,
+    },
+    /// More triangles than the tables can number.
+    #[error("{triangles} triangles are more than {limit}; cut the mesh into parts")]
+    TooLarge {
+        /// Triangles of the mesh.
+        triangles: usize,
+        /// Most that are taken.
+        limit: usize,
+    },
+    /// The result is no valid mesh.
+    #[error(transparent)]
+    Mesh(#[from] farsight_geometry::MeshError),
+}
+
+/// The README's example, so that it stays true.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,0 +1,49 @@
+//! The surface to simplify, and where it is seen from.
+
+use farsight_geometry::glam::{DVec3, Vec3, dvec3};
+use farsight_geometry::{Camera, TriangleMesh, hard_cases, io};
+use std::error::Error;
+use std::path::Path;
+
+/// All triangles of a scene's file.
+pub fn load(path: &Path) -> Result<TriangleMesh, Box<dyn Error>> {
+    let scene = io::load(path)?.into_scene().ok_or("the file holds points, no triangles")?;
+    let mesh = scene.flattened()?;
+    Ok(if mesh.normals().is_some() { mesh } else { with_normals(mesh)? })
+}
+
+/// A bumpy ball with wrinkles of several sizes, `12 n²` triangles.
+pub fn generated(n: u32) -> TriangleMesh {
+    let ball = hard_cases::bumpy_ball(n);
+    let wrinkled = |p: &Vec3| {
+        let fine = 0.02 * (23.0 * p.x + 9.0 * p.y).sin() * (19.0 * p.z).cos();
+        *p * (1.0 + fine + 0.004 * (61.0 * p.y).sin() * (57.0 * p.x).cos())
+    };
+    let positions = ball.positions().iter().map(wrinkled).collect();
+    let mesh = TriangleMesh::new(positions, ball.triangles().to_vec()).expect("a ball");
+    with_normals(mesh).expect("a ball")
+}
+
+/// Normals weighted by area at vertices of equal position.
+fn with_normals(mesh: TriangleMesh) -> Result<TriangleMesh, Box<dyn Error>> {
+    let welded = mesh.welded();
+    let mut sums = vec![Vec3::ZERO; welded.mesh.positions().len()];
+    for (t, [a, b, c]) in welded.mesh.triangles().iter().zip(welded.mesh.corner_iter()) {
+        let normal = (b - a).cross(c - a);
+        t.iter().for_each(|&v| sums[v as usize] += normal);
+    }
+    let normals = welded.new_from_old.iter().map(|&v| sums[v as usize].normalize_or_zero()).collect();
+    Ok(mesh.with_normals(normals)?)
+}
+
+/// A view of the whole from the front, a little from above and from the side.
+pub fn camera(mesh: &TriangleMesh, side: u32) -> Result<Camera, Box<dyn Error>> {
+    let bounds = mesh.world_bounds();
+    if bounds.is_empty() || bounds.diagonal() == 0.0 {
+        return Err("there is nothing to see".into());
+    }
+    let size = bounds.diagonal();
+    let eye = bounds.center() + dvec3(0.4, 0.3, 1.0).normalize() * 0.75 * size;
+    let camera = Camera::look_at(eye, bounds.center(), DVec3::Y)?;
+    Ok(camera.with_range(0.01 * size, 10.0 * size)?.with_image(side, side)?)
+}
