@@ -9,8 +9,8 @@
 
 mod check;
 mod geometry;
-mod lod;
 mod hlod;
+mod lod;
 mod occlusion;
 mod plot;
 mod points;
