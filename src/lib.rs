@@ -4,10 +4,10 @@
 //! depends on that crate directly and never sees the others.
 
 pub use farsight_geometry as geometry;
-#[cfg(feature = "lod")]
-pub use farsight_lod as lod;
 #[cfg(feature = "hlod")]
 pub use farsight_hlod as hlod;
+#[cfg(feature = "lod")]
+pub use farsight_lod as lod;
 #[cfg(feature = "occlusion")]
 pub use farsight_occlusion as occlusion;
 #[cfg(feature = "points")]

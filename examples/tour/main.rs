@@ -3,11 +3,13 @@
 //! ```text
 //! cargo run --release --example tour                   a generated town
 //! cargo run --release --example tour -- house.glb      your own .obj, .gltf, .glb
+//! cargo run --release --example tour -- scan.laz       or point clouds: .las, .laz, .ply
 //! ```
 //!
 //! You should see progress bars, a short table, and then `out/tour/index.html` with the frames of a camera path, a summary
 //! of the scene and plots of what each frame took. The frames also lie there as PNG, the last one's depth as EXR.
 
+mod cloud;
 mod cull;
 mod frames;
 mod input;
@@ -32,7 +34,7 @@ use walk::Up;
 #[derive(Parser)]
 #[command(about = "Takes a scene through everything that Farsight does and writes a page about it")]
 struct Options {
-    /// Scenes to load (.obj, .gltf, .glb); without any, a town is generated.
+    /// Scenes (.obj, .gltf, .glb) or point clouds (.las, .laz, .ply) to load; without any, a town is generated.
     paths: Vec<PathBuf>,
     /// Folder for the page and the frames.
     #[arg(long, default_value = "out/tour")]
@@ -46,9 +48,22 @@ struct Options {
     /// Width of a frame in pixels; the height is 9/16 of it.
     #[arg(long)]
     width: Option<u32>,
-    /// The axis of loaded files that points away from the ground.
-    #[arg(long, value_enum, default_value = "y")]
-    up: Up,
+    /// The axis of loaded files that points away from the ground; without, y for scenes and z for point clouds.
+    #[arg(long, value_enum)]
+    up: Option<Up>,
+}
+
+impl Options {
+    /// Number of frames.
+    fn count(&self) -> usize {
+        self.frames.unwrap_or(if self.quick { 3 } else { 12 }).max(1)
+    }
+
+    /// Width and height of a frame.
+    fn size(&self) -> [u32; 2] {
+        let width = self.width.unwrap_or(if self.quick { 480 } else { 1280 }).max(16);
+        [width, (width * 9 / 16).max(1)]
+    }
 }
 
 /// A frame as the page shows it.
@@ -70,11 +85,15 @@ fn main() -> ExitCode {
 fn run(options: &Options) -> Result<(), Box<dyn Error>> {
     let folder = &options.out;
     std::fs::create_dir_all(folder).map_err(|e| format!("cannot write to {}: {e}", folder.display()))?;
+    if !options.paths.is_empty() && options.paths.iter().all(|p| cloud::is_cloud(p)) {
+        let up = options.up.unwrap_or(Up::Z);
+        return cloud::tour(&options.paths, up, options.size(), options.count(), folder);
+    }
     let spinner = spinner("loading");
     let input = if options.paths.is_empty() {
         input::generate(options.quick)?
     } else {
-        input::load(&options.paths, options.up)?
+        input::load(&options.paths, options.up.unwrap_or(Up::Y))?
     };
     spinner.finish_with_message(format!("{}: {} triangles", input.title, input.scene.placed_triangles()));
     let report = input::report(&input.scene);
@@ -96,9 +115,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
 
 /// Draws all frames and writes them as they come.
 fn walk_through(options: &Options, input: &Input) -> Result<Vec<Shown>, Box<dyn Error>> {
-    let count = options.frames.unwrap_or(if options.quick { 3 } else { 12 }).max(1);
-    let width = options.width.unwrap_or(if options.quick { 480 } else { 1280 }).max(16);
-    let height = (width * 9 / 16).max(1);
+    let (count, [width, height]) = (options.count(), options.size());
     let map_side = if options.quick { 1024 } else { 4096 };
     let mut look = RenderOptions::default();
     look.up = input.up.axis();
