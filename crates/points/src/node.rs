@@ -37,9 +37,22 @@ impl Block {
     }
 }
 
-/// Writes nodes into a block.
-pub(crate) struct Encoder<'a, F, G> {
-    pub block: &'a mut Block,
+/// Where a node's bytes go.
+pub(crate) trait Output {
+    fn put(&mut self, bytes: &[u8]);
+}
+
+impl Output for Vec<u8> {
+    fn put(&mut self, bytes: &[u8]) {
+        self.extend_from_slice(bytes);
+    }
+}
+
+/// Writes nodes to an output, and what the index needs of them to two lists.
+pub(crate) struct Encoder<'a, O, F, G> {
+    pub output: &'a mut O,
+    pub nodes: &'a mut Vec<Node>,
+    pub counts: &'a mut Vec<u32>,
     pub frame: Frame,
     /// Attribute bytes of a point.
     pub attribute_bytes: usize,
@@ -52,40 +65,55 @@ pub(crate) struct Encoder<'a, F, G> {
 /// Bytes of a point without attributes.
 pub(crate) const POINT_BYTES: usize = 16;
 
-impl<const W: usize, T: Item, F: Fn(&T) -> Point, G: Fn(&T) -> [u64; W]> Sink<T> for Encoder<'_, F, G> {
+/// Points that are encoded before they go to the output.
+const PIECE: usize = 256;
+
+impl<const W: usize, T: Item, O: Output, F: Fn(&T) -> Point, G: Fn(&T) -> [u64; W]> Sink<T>
+    for Encoder<'_, O, F, G>
+{
     fn store(&mut self, outer: usize, first: usize, lists: &[Vec<T>]) {
         let Some(skip) = lists.iter().position(|l| !l.is_empty()) else { return };
         let end = lists.iter().rposition(|l| !l.is_empty()).map_or(skip, |i| i + 1);
         let lists = &lists[skip..end];
-        let (start, first_count) = (self.block.payload.len(), self.block.counts.len());
-        let points: usize = lists.iter().map(Vec::len).sum();
-        self.block.payload.reserve(points * (POINT_BYTES + self.attribute_bytes));
+        let first_count = self.counts.len();
+        let mut hasher = crc32fast::Hasher::new();
         let (mut box_min, mut box_max) = ([u32::MAX; 3], [0; 3]);
+        let mut piece = [Point::default(); PIECE];
         for list in lists {
-            for item in list {
-                let point = (self.decode)(item);
-                let local = self.frame.local(point.position);
-                for k in 0..3 {
-                    box_min[k] = box_min[k].min(local[k]);
-                    box_max[k] = box_max[k].max(local[k]);
+            for items in list.chunks(PIECE) {
+                for (item, point) in items.iter().zip(&mut piece) {
+                    *point = (self.decode)(item);
+                    let local = self.frame.local(point.position);
+                    for k in 0..3 {
+                        box_min[k] = box_min[k].min(local[k]);
+                        box_max[k] = box_max[k].max(local[k]);
+                    }
                 }
-                self.block.payload.extend_from_slice(bytemuck::bytes_of(&point));
+                let bytes = bytemuck::cast_slice(&piece[..items.len()]);
+                hasher.update(bytes);
+                self.output.put(bytes);
             }
-            self.block.counts.push(list.len() as u32);
+            self.counts.push(list.len() as u32);
         }
         if self.attribute_bytes > 0 {
-            for item in lists.iter().flatten() {
-                let attributes = (self.attributes)(item);
-                let bytes: &[u8] = bytemuck::cast_slice(&attributes);
-                self.block.payload.extend_from_slice(&bytes[..self.attribute_bytes]);
+            let mut piece = Vec::with_capacity(PIECE * self.attribute_bytes);
+            for items in lists.iter().flat_map(|list| list.chunks(PIECE)) {
+                piece.clear();
+                for item in items {
+                    let attributes = (self.attributes)(item);
+                    let bytes: &[u8] = bytemuck::cast_slice(&attributes);
+                    piece.extend_from_slice(&bytes[..self.attribute_bytes]);
+                }
+                hasher.update(&piece);
+                self.output.put(&piece);
             }
         }
-        self.block.nodes.push(Node {
+        self.nodes.push(Node {
             cell: Cell::around(box_min, outer as u32, self.frame.bits),
             first: (first + skip) as u32,
-            counts: first_count..self.block.counts.len(),
-            points: points as u32,
-            crc: crc32fast::hash(&self.block.payload[start..]),
+            counts: first_count..self.counts.len(),
+            points: lists.iter().map(Vec::len).sum::<usize>() as u32,
+            crc: hasher.finalize(),
             box_min,
             box_max,
         });

@@ -228,7 +228,11 @@ impl<T: Item> Assembler<T> {
     pub fn emit(&mut self, level: u32, item: T) {
         let level = level as usize;
         let outer = level.saturating_sub(self.shape.inner as usize);
-        self.lists[outer][if outer == 0 { level } else { 0 }].push(item);
+        let list = &mut self.lists[outer][if outer == 0 { level } else { 0 }];
+        if list.len() == list.capacity() {
+            grow(list, 1);
+        }
+        list.push(item);
         self.counts[outer] += 1;
         self.open = self.open.max(outer + 1);
     }
@@ -236,7 +240,11 @@ impl<T: Item> Assembler<T> {
     /// Gives points that were assembled elsewhere to an open node.
     pub fn append<U: Copy>(&mut self, list: &OpenList<U>, convert: impl Fn(&U) -> T) {
         let place = list.level - self.shape.first(list.outer);
-        self.lists[list.outer][place].extend(list.points.iter().map(convert));
+        let into = &mut self.lists[list.outer][place];
+        if into.capacity() - into.len() < list.points.len() {
+            grow(into, list.points.len());
+        }
+        into.extend(list.points.iter().map(convert));
         self.counts[list.outer] += list.points.len();
         self.open = self.open.max(list.outer + 1);
     }
@@ -245,6 +253,12 @@ impl<T: Item> Assembler<T> {
     pub fn note_stored_below(&mut self, outer: usize) {
         self.stored_below[outer] = true;
         self.open = self.open.max(outer + 1);
+    }
+
+    /// Memory of the lists.
+    pub fn bytes(&self) -> u64 {
+        let items: usize = self.lists.iter().flatten().map(Vec::capacity).sum();
+        (items * size_of::<T>()) as u64
     }
 
     /// Closes nodes from the deepest up to an outer level.
@@ -350,6 +364,13 @@ pub(crate) fn push_sorted<const W: usize, R: Record<W>>(
         assembler.push(division, &records[start..end], sink);
         (start, division) = (end, next);
     }
+}
+
+/// Makes room; long lists grow by an eighth, since half of the memory would otherwise lie idle.
+#[cold]
+fn grow<T>(list: &mut Vec<T>, more: usize) {
+    const LONG: usize = 1 << 16;
+    if list.len() < LONG { list.reserve(more) } else { list.reserve_exact(more.max(list.len() / 8)) }
 }
 
 fn empty_lists<T>(count: usize) -> Vec<Vec<T>> {

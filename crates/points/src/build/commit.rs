@@ -7,7 +7,7 @@ use super::writer::Writer;
 use crate::PointsError;
 use crate::frame::{Cell, Frame};
 use crate::morton;
-use crate::node::{Block, Encoder, Node};
+use crate::node::{Block, Encoder, Node, Output};
 use crate::point::Point;
 use crate::record::{Compact, Record, Whole, Wide, sort, unpack};
 use crate::tree::{Assembler, Member, OpenList, Shape, push_sorted};
@@ -91,7 +91,9 @@ impl<R> Work<R> {
         };
         let whole = |record: &R| Whole { point: decode(record), attributes: record.attributes() };
         let attributes = R::attributes;
-        let mut encoder = Encoder { block: &mut block, frame, attribute_bytes, decode, attributes };
+        let Block { payload, nodes, counts } = &mut block;
+        let mut encoder =
+            Encoder { output: payload, nodes, counts, frame, attribute_bytes, decode, attributes };
         push_sorted(&mut self.assembler, shape, &self.records, cell.level, &mut encoder);
         let representative = self.assembler.representative().expect("a bucket has a point");
         // The root waits for its own representative, even where the bucket is everything.
@@ -104,8 +106,23 @@ impl<R> Work<R> {
     }
 }
 
-/// Writes points that are whole already.
-type WholeEncoder<'a, const W: usize> = Encoder<'a, fn(&Whole<W>) -> Point, fn(&Whole<W>) -> [u64; W]>;
+/// Writes points that are whole already straight to the file.
+type WholeEncoder<'a, 'w, const W: usize> =
+    Encoder<'a, ToFile<'w>, fn(&Whole<W>) -> Point, fn(&Whole<W>) -> [u64; W]>;
+
+/// Keeps the first error of a writer until someone can take it.
+struct ToFile<'a> {
+    writer: &'a mut Writer,
+    outcome: Result<(), PointsError>,
+}
+
+impl Output for ToFile<'_> {
+    fn put(&mut self, bytes: &[u8]) {
+        if self.outcome.is_ok() {
+            self.outcome = self.writer.write(bytes);
+        }
+    }
+}
 
 /// Puts buckets together in order and writes them.
 struct Committer<const W: usize> {
@@ -113,7 +130,6 @@ struct Committer<const W: usize> {
     attribute_bytes: usize,
     assembler: Assembler<Whole<W>>,
     before: Option<Cell>,
-    own: Block,
     writer: Writer,
     index: Index,
 }
@@ -158,19 +174,17 @@ impl<const W: usize> Committer<W> {
     /// Lets the assembler finish nodes, and writes them.
     fn step(
         &mut self,
-        work: impl FnOnce(&mut Assembler<Whole<W>>, &mut WholeEncoder<'_, W>),
+        work: impl FnOnce(&mut Assembler<Whole<W>>, &mut WholeEncoder<'_, '_, W>),
     ) -> Result<(), PointsError> {
-        self.own.clear();
         let (frame, attribute_bytes) = (self.frame, self.attribute_bytes);
         let decode: fn(&Whole<W>) -> Point = |whole| whole.point;
         let attributes: fn(&Whole<W>) -> [u64; W] = |whole| whole.attributes;
-        let mut encoder = Encoder { block: &mut self.own, frame, attribute_bytes, decode, attributes };
+        let mut output = ToFile { writer: &mut self.writer, outcome: Ok(()) };
+        let Index { nodes, counts } = &mut self.index;
+        let mut encoder =
+            Encoder { output: &mut output, nodes, counts, frame, attribute_bytes, decode, attributes };
         work(&mut self.assembler, &mut encoder);
-        if self.own.nodes.is_empty() {
-            return Ok(());
-        }
-        self.index.append(&self.own);
-        self.writer.write(&self.own.payload)
+        output.outcome
     }
 
     fn finish(mut self) -> Result<(Writer, Index), PointsError> {
@@ -191,6 +205,8 @@ struct Shared<const W: usize> {
     taken: usize,
     /// Memory given to buckets that are being worked on or wait for their turn to be written.
     granted: u64,
+    /// Memory of points that wait in open nodes above the buckets.
+    open: u64,
     /// Finished before their turn.
     finished: BTreeMap<usize, (Outcome<W>, u64)>,
     /// The next one to write. Taken out while someone writes.
@@ -222,9 +238,9 @@ pub(super) fn commit<const W: usize>(
     held: &Held,
     abort: &Abort<'_>,
 ) -> Result<(Writer, Index), PointsError> {
-    let (assembler, own) = (Assembler::new(shape), Block::default());
+    let assembler = Assembler::new(shape);
     let index = Index::default();
-    let committer = Committer { frame, attribute_bytes, assembler, before: None, own, writer, index };
+    let committer = Committer { frame, attribute_bytes, assembler, before: None, writer, index };
     let total = buckets.iter().map(|b| b.points).sum();
     let count = buckets.len();
     buckets.reverse();
@@ -232,6 +248,7 @@ pub(super) fn commit<const W: usize>(
         waiting: buckets,
         taken: 0,
         granted: 0,
+        open: 0,
         finished: BTreeMap::new(),
         committer: Some(committer),
         committed: 0,
@@ -287,7 +304,7 @@ fn next_bucket<const W: usize>(
         if alone && needed > limit {
             return Err(PointsError::Memory { what: "the points of one position", needed, limit });
         }
-        if shared.granted + needed <= limit {
+        if alone || shared.granted + shared.open + needed <= limit {
             let bucket = shared.waiting.pop().expect("just seen");
             let number = shared.taken;
             shared.taken += 1;
@@ -314,9 +331,11 @@ fn write_finished<'a, const W: usize>(
         let Some((mut outcome, bytes)) = shared.finished.remove(&number) else { break };
         drop(shared);
         let written = committer.commit(&outcome);
+        let open = committer.assembler.bytes();
         outcome.block.clear();
         shared = lock();
         shared.granted -= bytes;
+        shared.open = open;
         shared.committed += 1;
         // Large ones are given back to the allocator: the next large one may come much later.
         if outcome.block.payload.capacity() <= LARGE_BLOCK {
