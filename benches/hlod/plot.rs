@@ -18,7 +18,8 @@ pub fn cost(
     let range = |pick: fn(&(f64, f64)) -> f64| {
         let all = lines.iter().flat_map(|l| l.1.iter().map(pick));
         let (low, high) = all.fold((f64::MAX, 0.0f64), |(low, high), v| (low.min(v), high.max(v)));
-        low / 1.5..high * 1.5
+        // Whole decades: their labels do not collide.
+        10f64.powf(low.log10().floor())..10f64.powf(high.log10().ceil())
     };
     let root = SVGBackend::new(path, (720, 440)).into_drawing_area();
     root.fill(&WHITE)?;

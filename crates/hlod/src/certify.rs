@@ -78,11 +78,14 @@ pub(crate) fn certify_all(
     Work::new(original, surface, log, tolerance_sq, appearance).run()
 }
 
-/// What could not be certified.
+/// What could not be certified, and what of the other surface lies around it; nothing where the original has borders, since what is
+/// nearest may then be across a crack.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Failed {
     pub faces: Vec<u32>,
+    pub triangles_around: Vec<u32>,
     pub triangles: Vec<u32>,
+    pub faces_around: Vec<u32>,
 }
 
 /// Certifies what can be, by distance alone: faces may have turned over. Takes nothing back.
@@ -98,7 +101,7 @@ pub(crate) fn certify_some(
     let faces = work.live_faces();
     work.certify(&faces);
     let counts = work.counts();
-    let failed = Failed { faces: work.bad_faces, triangles: work.bad_triangles };
+    let failed = work.failed();
     (work.certified, counts, failed)
 }
 
@@ -161,6 +164,39 @@ impl<'a> Work<'a> {
     fn certify(&mut self, faces: &[u32]) {
         self.flood_faces(faces);
         self.cover_rest();
+    }
+
+    fn failed(&mut self) -> Failed {
+        let original = self.original;
+        let (faces, triangles) =
+            (std::mem::take(&mut self.bad_faces), std::mem::take(&mut self.bad_triangles));
+        let surface = &self.certified.surface;
+        // Vertices around given ones, over the faces that they share.
+        let around = |vertices: Vec<u32>| {
+            let mut marked = vec![false; original.points.len()];
+            for f in vertices.into_iter().flat_map(|v| surface.faces_at(v)) {
+                surface.faces[f as usize].iter().for_each(|&v| marked[v as usize] = true);
+            }
+            marked
+        };
+        let mut failed = Failed::default();
+        if original.neighbours.iter().flatten().any(|&n| n == NONE) {
+            return Failed { faces, triangles, ..failed };
+        }
+        if !faces.is_empty() {
+            let marked = around(faces.iter().flat_map(|&f| surface.faces[f as usize]).collect());
+            let near = |v: &u32| marked[self.log.representative(*v) as usize];
+            let all = 0..original.triangles.len() as u32;
+            failed.triangles_around =
+                all.filter(|&t| original.triangles[t as usize].iter().any(near)).collect();
+        }
+        if !triangles.is_empty() {
+            let corners = triangles.iter().flat_map(|&t| original.triangles[t as usize]);
+            let marked = around(corners.map(|v| self.log.representative(v)).collect());
+            let near = |f: &u32| surface.faces[*f as usize].iter().any(|&v| marked[v as usize]);
+            failed.faces_around = self.live_faces().into_iter().filter(near).collect();
+        }
+        Failed { faces, triangles, ..failed }
     }
 
     fn counts(&self) -> CertifyCounts {

@@ -238,19 +238,29 @@ fn measure_failed(
     let part = |of: &TriangleMesh, triangles: Vec<[u32; 3]>| {
         TriangleMesh::new(of.positions().to_vec(), triangles)?.with_origin(of.origin())
     };
+    // Faces of the result are numbered as they come among the live ones.
+    let mut numbers = vec![NONE; state.surface.faces.len()];
+    let live = (0..numbers.len()).filter(|&f| state.surface.faces[f][0] != NONE);
+    live.enumerate().for_each(|(i, f)| numbers[f] = i as u32);
+    let faces = |list: &[u32]| {
+        part(simple, list.iter().map(|&f| simple.triangles()[numbers[f as usize] as usize]).collect())
+    };
+    let triangles = |list: &[u32]| {
+        let source = |&t: &u32| mesh.triangles()[original.source[t as usize] as usize];
+        part(mesh, list.iter().map(source).collect())
+    };
+    // The distance to a part is never below that to the whole.
+    let surface = |around: TriangleMesh, whole: &TriangleMesh| {
+        Surface::new(if around.is_empty() { whole } else { &around })
+    };
     let mut upper = 0.0f64;
     if !failed.faces.is_empty() {
-        // Faces of the result are numbered as they come among the live ones.
-        let mut numbers = vec![NONE; state.surface.faces.len()];
-        let live = (0..numbers.len()).filter(|&f| state.surface.faces[f][0] != NONE);
-        live.enumerate().for_each(|(i, f)| numbers[f] = i as u32);
-        let faces = failed.faces.iter().map(|&f| simple.triangles()[numbers[f as usize] as usize]).collect();
-        upper = upper.max(one_sided(&part(simple, faces)?, &Surface::new(mesh), &options).upper);
+        let to = surface(triangles(&failed.triangles_around)?, mesh);
+        upper = upper.max(one_sided(&faces(&failed.faces)?, &to, &options).upper);
     }
     if !failed.triangles.is_empty() {
-        let source = |&t: &u32| mesh.triangles()[original.source[t as usize] as usize];
-        let triangles = failed.triangles.iter().map(source).collect();
-        upper = upper.max(one_sided(&part(mesh, triangles)?, &Surface::new(simple), &options).upper);
+        let to = surface(faces(&failed.faces_around)?, simple);
+        upper = upper.max(one_sided(&triangles(&failed.triangles)?, &to, &options).upper);
     }
     Ok(upper)
 }
