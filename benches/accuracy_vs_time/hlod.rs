@@ -1,4 +1,4 @@
-//! Simplification: tolerance and tier against true error, triangles and time, beside meshoptimizer.
+//! Simplification: tolerance and tier against true error, triangles and time.
 
 use super::row::{Row, timed};
 use farsight_geometry::TriangleMesh;
@@ -6,10 +6,7 @@ use farsight_geometry::accuracy::{Counters, ErrorBound, Unit};
 use farsight_geometry::distance::{HausdorffOptions, hausdorff};
 use farsight_hlod::{SimplifyOptions, Tier, simplify};
 
-#[path = "../hlod/peer.rs"]
-#[allow(dead_code)] // The bench tunes the peer in hindsight, the sweep does not.
-mod peer;
-#[path = "../hlod/surfaces.rs"]
+#[path = "../peers/src/simplification/surfaces.rs"]
 #[allow(dead_code)] // The sweep needs nothing but the repository.
 mod surfaces;
 
@@ -44,25 +41,6 @@ fn of_surface(name: &str, mesh: &TriangleMesh, quick: bool) -> Vec<Row> {
                 counters,
             });
         }
-    }
-    let welded = mesh.welded().mesh;
-    for share in shares {
-        let tolerance = size / share;
-        let (simple, times) = timed(runs, || peer::run(&welded, tolerance));
-        let mut counters = Counters::new();
-        counters.add("triangles", mesh.triangles().len() as u64);
-        counters.add("kept", simple.triangles().len() as u64);
-        rows.push(Row {
-            krate: "hlod",
-            scene: name.into(),
-            knob: "meshoptimizer".into(),
-            value: tolerance,
-            claimed: ErrorBound::estimated(tolerance, Unit::Metres),
-            measured: true_error(mesh, &simple, tolerance),
-            times,
-            bytes: simple.bytes(),
-            counters,
-        });
     }
     rows
 }

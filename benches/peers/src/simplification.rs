@@ -1,6 +1,6 @@
 //! Simplification: triangles kept, true error and rate beside meshoptimizer's. Every figure is printed beside the floor it is held to.
 //!
-//! `cargo bench --bench hlod` runs on generated surfaces, and on collected ones where `FARSIGHT_DATA` names their folder. `-- --quick` takes
+//! `… -- simplification` runs on generated surfaces, and on collected ones where `FARSIGHT_DATA` names their folder. `-- --quick` takes
 //! smaller ones; a file's name takes that one only. `-- --plot FOLDER` draws triangles and time against true error instead.
 
 mod peer;
@@ -16,8 +16,8 @@ use std::time::Duration;
 /// Tolerances as shares of the diagonal.
 const SHARES: [f64; 3] = [128.0, 512.0, 2048.0];
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
+/// Runs what the arguments ask for.
+pub fn report(arguments: &[String]) {
     let quick = arguments.iter().any(|a| a == "--quick");
     if let Some(i) = arguments.iter().position(|a| a == "--plot") {
         let folder = arguments.get(i + 1).map_or(".", String::as_str);
