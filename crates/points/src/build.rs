@@ -181,7 +181,8 @@ impl BuildOptions {
         // The program itself, the writer's blocks, histograms and read buffers.
         let fixed = (20 << 20) + WRITER_BYTES as u64 + (16 << 20) + threads * (12 << 20);
         let free = self.memory.saturating_sub(fixed).max(LEAST_MEMORY / 4);
-        let share = free / 5 * 2;
+        // Records in memory and buckets in work have a third each; the last one is for what no account knows.
+        let share = free / 3;
         let extra = 8 * words as u64;
         let point_bytes = [56 + 5 * extra, 96 + 5 * extra];
         // Several buckets per thread, for balance, but none so small that its overhead shows.

@@ -277,16 +277,25 @@ impl<'a> Lane<'a> {
         }
         let (file, end) = self.file.as_mut().expect("just made");
         let mut pieces = Vec::new();
-        for mut chunk in self.full[bucket].drain(..) {
-            (&file.file).write_all(bytemuck::cast_slice(&chunk)).map_err(PointsError::io(&file.path))?;
-            match pieces.last_mut() {
-                Some(Piece::Spilled { words, .. }) if *words < PIECE_WORDS => *words += chunk.len(),
-                _ => {
-                    let (file, offset, words) = (Arc::clone(file), *end, chunk.len());
-                    pieces.push(Piece::Spilled { file, offset, words });
-                }
+        // Chunks are small; they go to the disk together.
+        let mut together: Vec<u64> = Vec::with_capacity(PIECE_WORDS);
+        let mut write = |together: &mut Vec<u64>| {
+            if !together.is_empty() {
+                (&file.file)
+                    .write_all(bytemuck::cast_slice(together))
+                    .map_err(PointsError::io(&file.path))?;
+                let (file, offset, words) = (Arc::clone(file), *end, together.len());
+                pieces.push(Piece::Spilled { file, offset, words });
+                *end += 8 * words as u64;
+                together.clear();
             }
-            *end += 8 * chunk.len() as u64;
+            Ok::<(), PointsError>(())
+        };
+        for mut chunk in self.full[bucket].drain(..) {
+            if together.len() + chunk.len() > PIECE_WORDS {
+                write(&mut together)?;
+            }
+            together.extend_from_slice(&chunk);
             chunk.clear();
             // A few are kept for the next chunks; the allocator has the rest.
             let free = &mut self.free[usize::from(self.targets[bucket].compact)];
@@ -294,6 +303,7 @@ impl<'a> Lane<'a> {
                 free.push(chunk);
             }
         }
+        write(&mut together)?;
         self.spilled[bucket].extend(pieces);
         Ok(())
     }
