@@ -120,3 +120,40 @@ fn every_witness_holds_by_brute_force() {
         }
     }
 }
+
+/// Twenty cubes: segments from the cell to every triangle, each checked against all, find nothing that the set lacks; what the
+/// set has beyond that, brute force confirms along its witness.
+#[test]
+fn of_twenty_cubes_brute_force_finds_nothing_more() {
+    let mesh = cubes(20, 6);
+    let (triangles, caster, cell) = (Triangles::of_mesh(&mesh), Bvh8::new(&mesh), cell());
+    let oracle = BruteForce::new(&mesh);
+    let mut random = Random::new(61);
+    let b = *cell.bounds();
+    let seen: farsight_visibility::Pvs = (0..triangles.count())
+        .filter(|&t| {
+            let [p, q, r] = triangles.corners(t);
+            (0..6000).any(|_| {
+                let eye = b.min + (b.max - b.min) * DVec3::from_array(random.units());
+                let [u, v] = random.units();
+                let root = u.sqrt();
+                let target = p + (q - p) * (root * (1.0 - v)) + (r - p) * (root * v);
+                let ray = Ray::new(eye, target - eye).unwrap();
+                oracle.closest(&ray).is_some_and(|h| h.triangle == t)
+            })
+        })
+        .collect();
+    let mut sampler = Sampler::new(&triangles, Occluders::opaque(&caster), &cell, options()).unwrap();
+    sampler.run(&Budget::rays(4_000_000));
+    assert_eq!(triangles.count(), 240);
+    let lacking = seen.difference(&sampler.pvs());
+    assert!(lacking.is_empty(), "{lacking:?}");
+    let more = sampler.pvs().difference(&seen);
+    assert!(more.len() <= 3, "slivers that random segments miss: {more:?}");
+    for (member, witness) in sampler.witnesses() {
+        if let (true, Witness::Ray(sight)) = (more.contains(*member), witness) {
+            let hit = oracle.closest(&Ray::new(sight.origin, sight.direction).unwrap()).unwrap();
+            assert_eq!(hit.triangle, *member);
+        }
+    }
+}
