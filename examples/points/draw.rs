@@ -1,8 +1,8 @@
 //! Points in a picture, by the reference renderer.
 
-use farsight_geometry::glam::{DVec3, Vec3, Vec4};
+use farsight_geometry::glam::{Vec3, Vec4};
 use farsight_geometry::{Camera, ClipConvention};
-use farsight_points::{Grid, Point};
+use farsight_points::{Grid, NodeData, NodeId, Point, Store};
 use farsight_raster::{Image, Outputs, PointDraw, Rasteriser, Splat, State, Target, srgb_byte};
 
 /// Colours of a cloud that has none: by height.
@@ -114,27 +114,21 @@ impl Painter {
     }
 }
 
+/// Heights to colour by, where the cloud has no colours.
+pub fn by_height(store: &Store) -> Result<Option<ByHeight>, farsight_points::PointsError> {
+    let mut root = NodeData::default();
+    if store.octree().is_empty() {
+        return Ok(None);
+    }
+    store.read(NodeId(0), &mut root)?;
+    let mut heights: Vec<i32> = root.points.iter().map(|p| p.position[2]).collect();
+    heights.sort_unstable();
+    // A few outliers should not take all the colours.
+    let at = |share: f64| heights[(share * (heights.len() - 1) as f64) as usize];
+    Ok(is_white(&root.points).then(|| ByHeight { low: at(0.02), high: at(0.98) }))
+}
+
 /// Whether points have no colour.
-pub fn is_white(points: &[Point]) -> bool {
+fn is_white(points: &[Point]) -> bool {
     points.iter().all(|p| p.colour == [255; 4])
-}
-
-/// Pixels that one target covers and another does not.
-pub fn lost_pixels(all: &Target, some: &Target) -> (u64, u64) {
-    let depths = |t: &Target| -> Vec<bool> { t.depth_rows().flatten().map(|&d| d > 0.0).collect() };
-    let (a, b) = (depths(all), depths(some));
-    let covered = a.iter().filter(|&&c| c).count() as u64;
-    (a.iter().zip(&b).filter(|&(&a, &b)| a && !b).count() as u64, covered)
-}
-
-/// A camera from the south-west above that sees a whole box, z up.
-pub fn overview(
-    bounds: &farsight_geometry::DAabb,
-    size: [u32; 2],
-) -> Result<Camera, farsight_geometry::CameraError> {
-    let (center, diagonal) = (bounds.center(), bounds.diagonal().max(1e-6));
-    let eye = center + DVec3::new(-0.28, -0.5, 0.38) * diagonal;
-    Camera::look_at(eye, center - DVec3::Z * 0.02 * diagonal, DVec3::Z)?
-        .with_range(1e-4 * diagonal, f64::INFINITY)?
-        .with_image(size[0], size[1])
 }

@@ -1,12 +1,7 @@
-//! Clouds from files, or a generated scan.
+//! Clouds from files.
 
 use farsight_geometry::PointCloud;
-use farsight_geometry::glam::DVec3;
-use farsight_points::{
-    BuildOptions, BuildReport, Grid, Input, LasOptions, NonFinite, PointsError, Positions, Progress, Stage,
-    build,
-};
-use farsight_raster::scenes::StreetPoints;
+use farsight_points::{BuildOptions, BuildReport, Input, LasOptions, PointsError, Progress, Stage, build};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -44,23 +39,8 @@ fn load(path: &Path) -> Result<PointCloud, Box<dyn Error>> {
     loaded.into_points().ok_or_else(|| format!("{}: a mesh, not points", path.display()).into())
 }
 
-/// The generated street, scanned from stations along it.
-pub fn street(count: u64) -> StreetPoints {
-    let mut street = StreetPoints::default();
-    street.count = count;
-    street
-}
-
-/// Builds `out` from the generated street.
-pub fn build_street(count: u64, out: &Path, options: &BuildOptions) -> Result<BuildReport, Box<dyn Error>> {
-    let street = street(count);
-    let grid = Grid::new(DVec3::splat(0.001), street.offset)?;
-    let points = street.points()?.map(|p| (p.position, p.colour));
-    let input = Input::from_reader(grid, "", 0, Positions::new(grid, points, NonFinite::Refuse))?;
-    Ok(with_bar(input, out, options)?)
-}
-
-fn with_bar(input: Input<'_>, out: &Path, options: &BuildOptions) -> Result<BuildReport, PointsError> {
+/// Builds with a bar that says how far it is.
+pub fn with_bar(input: Input<'_>, out: &Path, options: &BuildOptions) -> Result<BuildReport, PointsError> {
     let bar = ProgressBar::new(0);
     let style = ProgressStyle::with_template("{msg:<12} {bar:40} {human_pos:>12} points {elapsed:>4}");
     bar.set_style(style.expect("a valid template"));

@@ -13,15 +13,19 @@
 mod culling;
 mod draw;
 mod input;
+mod judge;
+mod street;
 
 use clap::{Parser, Subcommand};
-use draw::{ByHeight, Painter, is_white, lost_pixels, overview};
+use draw::{Painter, by_height};
 use farsight_geometry::Camera;
 use farsight_geometry::glam::DVec3;
 use farsight_points::{
     BuildOptions, BuildReport, GpuBuffers, NodeData, NodeId, Selection, Store, Stream, StreamOptions,
     Traversal, ViewOptions,
 };
+use farsight_raster::Image;
+use judge::{lost_pixels, overview};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -119,7 +123,7 @@ fn street(arguments: &Arguments, size: [u32; 2]) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(&arguments.out)?;
     let count = if arguments.quick { 200_000 } else { 3_000_000 };
     let file = arguments.out.join("street.points");
-    print(&input::build_street(count, &file, &BuildOptions::default())?);
+    print(&street::build_street(count, &file, &BuildOptions::default())?);
     let store = Store::open(&file)?;
     let origin = store.octree().grid().offset;
     let camera =
@@ -135,20 +139,6 @@ fn street(arguments: &Arguments, size: [u32; 2]) -> Result<(), Box<dyn Error>> {
     .with_image(size[0], size[1])?;
     culled(&store, &outside, &arguments.out)?;
     loading(store, &camera, &arguments.out)
-}
-
-/// Heights to colour by, where the cloud has no colours.
-fn by_height(store: &Store) -> Result<Option<ByHeight>, Box<dyn Error>> {
-    let mut root = NodeData::default();
-    if store.octree().is_empty() {
-        return Ok(None);
-    }
-    store.read(NodeId(0), &mut root)?;
-    let mut heights: Vec<i32> = root.points.iter().map(|p| p.position[2]).collect();
-    heights.sort_unstable();
-    // A few outliers should not take all the colours.
-    let at = |share: f64| heights[(share * (heights.len() - 1) as f64) as usize];
-    Ok(is_white(&root.points).then(|| ByHeight { low: at(0.02), high: at(0.98) }))
 }
 
 /// Largest splat in pixels: near the eye a cloud shows its gaps rather than blobs.

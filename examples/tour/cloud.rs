@@ -7,9 +7,9 @@ mod source;
 
 use crate::page::Page;
 use crate::walk::{Up, Walk};
-use draw::{ByHeight, Painter, is_white};
+use draw::{ByHeight, Painter, by_height};
 use farsight_geometry::Camera;
-use farsight_points::{BuildOptions, NodeData, NodeId, Selection, Store, Traversal, ViewOptions};
+use farsight_points::{BuildOptions, NodeData, Selection, Store, Traversal, ViewOptions};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -115,17 +115,6 @@ fn frame(
         choosing,
         time,
     })
-}
-
-/// Heights to colour by, where the cloud has no colours.
-fn by_height(store: &Store) -> Result<Option<ByHeight>, Box<dyn Error>> {
-    let mut root = NodeData::default();
-    store.read(NodeId(0), &mut root)?;
-    let mut heights: Vec<i32> = root.points.iter().map(|p| p.position[2]).collect();
-    heights.sort_unstable();
-    // A few outliers should not take all the colours.
-    let at = |share: f64| heights[(share * (heights.len() - 1) as f64) as usize];
-    Ok(is_white(&root.points).then(|| ByHeight { low: at(0.02), high: at(0.98) }))
 }
 
 fn page(
