@@ -83,7 +83,9 @@ fn on_screen(
     for node in nodes {
         store.read(node, &mut data)?;
         for p in &data.points {
-            if let Some((px, _)) = camera.project(store.octree().grid().world(p.position))
+            if let Some((px, depth)) = camera.project(store.octree().grid().world(p.position))
+                // Without a margin, those that are visible.
+                && (margin > 0.0 || (camera.near()..=camera.far()).contains(&depth))
                 && (-margin..w + margin).contains(&px.x)
                 && (-margin..h + margin).contains(&px.y)
             {

@@ -99,8 +99,8 @@ impl Traversal {
     /// it; smaller ones that come later may still fit.
     ///
     /// # Accuracy
-    /// [`Selection::error`] is proven: every visible point has a drawn one within its cell, rounding included. Points that are
-    /// before the near plane or behind other points count as visible.
+    /// [`Selection::error`] is proven: every visible point has a drawn one within its cell, rounding included. Points behind
+    /// other points count as visible, those before the near plane do not.
     ///
     /// # References
     /// Wimmer 2007, section 6.5.3. Differs: culled before it is counted, threshold by the cells of the nodes *above*.
