@@ -2,7 +2,6 @@
 
 use super::row::{Row, timed};
 use farsight_geometry::TriangleMesh;
-use farsight_geometry::accuracy::{Counters, ErrorBound, Unit};
 use farsight_geometry::distance::{HausdorffOptions, hausdorff};
 use farsight_hlod::{SimplifyOptions, Tier, simplify};
 

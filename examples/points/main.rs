@@ -24,7 +24,6 @@ use farsight_points::{
     BuildOptions, BuildReport, GpuBuffers, NodeData, NodeId, Selection, Store, Stream, StreamOptions,
     Traversal, ViewOptions,
 };
-use farsight_raster::Image;
 use judge::{lost_pixels, overview};
 use std::error::Error;
 use std::path::{Path, PathBuf};
