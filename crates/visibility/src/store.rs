@@ -266,7 +266,7 @@ impl PvsStore {
     /// The set of a cell; `None` when it is not there.
     ///
     /// # Cost
-    /// Decoding at most nine records: some ten microseconds for ten thousand runs.
+    /// Decoding at most nine records.
     pub fn get(&self, cell: u32) -> Option<Pvs> {
         self.decode(cell, LONGEST_CHAIN)
     }
