@@ -95,6 +95,8 @@ pub(crate) struct Part<'a> {
     pub guess: Option<([i32; 3], [i32; 3])>,
 }
 
+// Only LAS files come in some of these ways.
+#[cfg_attr(not(feature = "las"), allow(dead_code))]
 pub(crate) enum Source<'a> {
     Bytes(&'a [u8]),
     File { path: PathBuf, offset: u64 },

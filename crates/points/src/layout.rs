@@ -16,6 +16,8 @@ pub(crate) struct Layout {
 
 /// Colour of a point in its record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+// Only LAS files come in some of these ways.
+#[cfg_attr(not(feature = "las"), allow(dead_code))]
 pub(crate) enum Colour {
     /// All points are white.
     None,
