@@ -1,32 +1,18 @@
 //! Visible sets judged by pictures of the reference renderer, which shares no code with the ray casters.
 
+#[path = "../benches/visibility/item_buffer.rs"]
+mod item_buffer;
+
 use farsight_geometry::camera::Projection;
 use farsight_geometry::glam::DVec3;
 use farsight_geometry::ray::Bvh8;
 use farsight_geometry::sampling::Random;
-use farsight_geometry::scene::Scene;
 use farsight_geometry::{Camera, DAabb, TriangleMesh};
 use farsight_raster::scenes::City;
-use farsight_raster::{Outputs, Rasteriser, RenderOptions, SceneIds, render_scene};
 use farsight_visibility::{
     Budget, ItemBuffer, NirOptions, Occluders, Options, Pvs, Sampler, Triangles, ViewCell, nir,
 };
-
-/// The reference renderer as an item buffer.
-struct Pictures {
-    rasteriser: Rasteriser,
-    scene: Scene,
-}
-
-impl ItemBuffer for Pictures {
-    fn draw(&mut self, camera: &Camera, ids: &mut Vec<u32>) {
-        let mut options = RenderOptions::default();
-        options.ids = SceneIds::Triangles;
-        options.outputs = Outputs { colour: false, depth: true, id: true };
-        let (target, _) = render_scene(&mut self.rasteriser, &self.scene, camera, &options).unwrap();
-        ids.extend(target.ids());
-    }
-}
+use item_buffer::Pictures;
 
 fn town() -> (TriangleMesh, DAabb) {
     let mesh = City::small().build().unwrap().flattened().unwrap();
@@ -47,7 +33,7 @@ fn pictures_from_the_cell_show_almost_nothing_that_the_set_lacks() {
     let (mesh, cell) = town();
     let guided = sampled(&mesh, &cell, Options::default(), 1_000_000);
     let random = sampled(&mesh, &cell, Options::random(), 1_000_000);
-    let mut pictures = Pictures { rasteriser: Rasteriser::new(), scene: Scene::of_mesh(mesh) };
+    let mut pictures = Pictures::of_mesh(mesh);
     let mut rng = Random::new(3);
     let (mut pixels, mut wrong) = (0, [0, 0]);
     for _ in 0..12 {
@@ -76,7 +62,7 @@ fn pictures_from_the_cell_show_almost_nothing_that_the_set_lacks() {
 fn adaptive_hemicubes_find_less_than_guided_rays() {
     let (mesh, cell) = town();
     let guided = sampled(&mesh, &cell, Options::default(), 1_000_000);
-    let mut pictures = Pictures { rasteriser: Rasteriser::new(), scene: Scene::of_mesh(mesh) };
+    let mut pictures = Pictures::of_mesh(mesh);
     let mut options = NirOptions::default();
     (options.side, options.most_cubes) = (128, 12);
     let found = nir(&cell, &options, &mut pictures).unwrap();

@@ -11,6 +11,7 @@
 mod bound;
 mod correct;
 mod growth;
+mod item_buffer;
 mod judge;
 mod pictures;
 mod reference;

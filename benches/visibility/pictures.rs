@@ -1,33 +1,16 @@
 //! Table 5.2: guided and random rays against the adaptive hemicubes, by what pictures from the cell show wrong.
 
 use super::Ask;
+use super::item_buffer::Pictures;
 use super::judge::direction;
 use super::scenes::Case;
 use farsight_geometry::Camera;
 use farsight_geometry::camera::Projection;
 use farsight_geometry::glam::DVec3;
 use farsight_geometry::sampling::Random;
-use farsight_geometry::scene::Scene;
-use farsight_raster::{Outputs, Rasteriser, RenderOptions, SceneIds, render_scene};
 use farsight_visibility::{Budget, ItemBuffer, NirOptions, Occluders, Options, Pvs, Sampler, nir};
 use std::error::Error;
 use std::time::Instant;
-
-/// The software renderer as an item buffer.
-struct Pictures {
-    rasteriser: Rasteriser,
-    scene: Scene,
-}
-
-impl ItemBuffer for Pictures {
-    fn draw(&mut self, camera: &Camera, ids: &mut Vec<u32>) {
-        let mut options = RenderOptions::default();
-        options.ids = SceneIds::Triangles;
-        options.outputs = Outputs { colour: false, depth: true, id: true };
-        let target = render_scene(&mut self.rasteriser, &self.scene, camera, &options).map(|drawn| drawn.0);
-        ids.extend(target.iter().flat_map(|t| t.ids().collect::<Vec<_>>()));
-    }
-}
 
 pub fn report(ask: &Ask) -> Result<(), Box<dyn Error>> {
     println!("\npictures from the cell, false pixels of 1000 x 1000 (table 5.2)");
@@ -37,8 +20,7 @@ pub fn report(ask: &Ask) -> Result<(), Box<dyn Error>> {
         cases.insert(0, Case::city(false)?);
     }
     for case in cases {
-        let mut pictures =
-            Pictures { rasteriser: Rasteriser::new(), scene: Scene::of_mesh(case.mesh.clone()) };
+        let mut pictures = Pictures::of_mesh(case.mesh.clone());
         let views = views(&case, &mut pictures, if ask.quick { 6 } else { 40 })?;
         let total = f64::from(case.triangles().count());
         let name = if total < 2e5 && case.name == "city" { "small city" } else { case.name };

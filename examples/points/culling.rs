@@ -111,25 +111,11 @@ pub fn draw(
 /// Samples of a box that pass the depth test.
 fn samples(painter: &mut Painter, camera: &Camera, b: &DAabb) -> u64 {
     let corners: Vec<Vec3> = b.corners().iter().map(|&c| (c - camera.eye()).as_vec3()).collect();
-    const SIDES: [[u32; 3]; 12] = [
-        [0, 2, 1],
-        [1, 2, 3],
-        [4, 5, 6],
-        [5, 7, 6],
-        [0, 1, 4],
-        [1, 5, 4],
-        [2, 6, 3],
-        [3, 6, 7],
-        [0, 4, 2],
-        [2, 4, 6],
-        [1, 3, 5],
-        [3, 7, 5],
-    ];
     let clip_from_local = camera.clip_from_relative_f64(ClipConvention::REVERSED, camera.eye());
     let mut state = State::default();
     state.depth_test = farsight_raster::DepthTest::NearerOrEqual;
     painter.rasteriser.count_samples(
         &painter.target,
-        &Draw { positions: &corners, triangles: &SIDES, clip_from_local, state },
+        &Draw { positions: &corners, triangles: &DAabb::TRIANGLES, clip_from_local, state },
     )
 }
