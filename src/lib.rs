@@ -10,6 +10,8 @@ pub use farsight_hlod as hlod;
 pub use farsight_lod as lod;
 #[cfg(feature = "occlusion")]
 pub use farsight_occlusion as occlusion;
+#[cfg(feature = "plan")]
+pub use farsight_plan as plan;
 #[cfg(feature = "points")]
 pub use farsight_points as points;
 #[cfg(feature = "shadow")]

@@ -22,6 +22,7 @@ use std::time::Duration;
 
 /// The unit of an [`ErrorBound`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Unit {
     /// Pixels of the stated view.
@@ -40,6 +41,7 @@ pub enum Unit {
 ///
 /// mean ≤ RMS ≤ maximum for any set of errors, so a maximum also bounds the other two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Norm {
     /// Arithmetic mean.
     Mean,
@@ -51,6 +53,7 @@ pub enum Norm {
 
 /// What stands behind a number, from the weakest to the strongest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Kind {
     /// Follows from a model; may be wrong in either direction.
     Estimated,
@@ -62,6 +65,7 @@ pub enum Kind {
 
 /// An error that an answer has, and how far it can be trusted.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ErrorBound {
     /// The error, in `unit`; never negative, may be infinite ("no bound").
     pub value: f64,

@@ -9,6 +9,7 @@ use std::time::Duration;
 /// Rendering times are a few milliseconds, so `f64` milliseconds lose nothing and can be added and scaled; [`Duration`] stands at
 /// the edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Millis(pub f64);
 
 impl Millis {

@@ -1,0 +1,254 @@
+//! The form of an object: all of it, a coarser form, an impostor, or nothing.
+
+use crate::candidate::{BAND, Candidate, admits, strain};
+use crate::choice::{Choice, Class, Reason, Rejected, Rule};
+use crate::summary::{Detail, Form, ObjectSummary, ObjectView, Tolerances};
+use crate::work::{CostModel, Work};
+use farsight_geometry::Millis;
+use farsight_geometry::accuracy::{ErrorBound, Unit};
+
+/// Frames over which an impostor is written off at most, even where nothing moves.
+const HORIZON: f64 = 600.0;
+/// An impostor that lasts no longer is not worth drawing.
+const LEAST_FRAMES: f64 = 2.0;
+/// By how much an impostor must be cheaper than a mesh to take its place. More than other bands: its cost goes with the square of a size.
+const GAIN: f64 = 0.2;
+
+/// The form that an object had, in two bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Had(u16);
+
+impl Had {
+    /// Not known.
+    pub const UNKNOWN: Self = Self(u16::MAX);
+    const IMPOSTOR: Self = Self(u16::MAX - 1);
+    const NOTHING: Self = Self(u16::MAX - 2);
+    const FULL: Self = Self(0);
+
+    /// What a choice will have been.
+    pub fn of(choice: &Choice) -> Self {
+        match choice {
+            Choice::Nothing => Self::NOTHING,
+            Choice::Impostor { .. } => Self::IMPOSTOR,
+            // Details so far down share a place: they do not differ by anything that could be seen.
+            Choice::Detail { detail, .. } => Self((detail + 1).min(u32::from(Self::NOTHING.0) - 1) as u16),
+            _ => Self::FULL,
+        }
+    }
+
+    /// The detail, counting the object itself as zero; `None` for what is no mesh.
+    fn detail(self) -> Option<u16> {
+        (self.0 < Self::NOTHING.0).then_some(self.0)
+    }
+}
+
+/// What to draw: nothing, an impostor, or a detail (the object itself being zero).
+enum Choose {
+    Nothing,
+    Impostor,
+    Mesh(usize),
+}
+
+/// An object in a view.
+#[derive(Clone, Copy)]
+pub struct Seen<'a> {
+    pub object: &'a ObjectSummary<'a>,
+    pub view: &'a ObjectView,
+    pub tolerances: &'a Tolerances,
+    pub had: Had,
+}
+
+impl Seen<'_> {
+    /// The cheapest form within `allowed` tolerances.
+    pub fn pick(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> Candidate {
+        match self.choose(allowed, costs) {
+            (Choose::Nothing, _) => self.nothing(),
+            (Choose::Impostor, cost) => self.impostor(allowed, cost),
+            (Choose::Mesh(skipped), cost) => self.mesh(skipped, cost),
+        }
+    }
+
+    /// What the cheapest form within `allowed` tolerances takes.
+    pub fn cost(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> Millis {
+        self.choose(allowed, costs).1
+    }
+
+    fn choose(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> (Choose, Millis) {
+        let fresh = self.had == Had::UNKNOWN;
+        if admits(allowed, self.vanishing(), self.had == Had::NOTHING, fresh) {
+            return (Choose::Nothing, Millis::ZERO);
+        }
+        let (mesh, cost) = self.cheapest(allowed, costs);
+        // The error of an impostor is what it is allowed to be; its mesh has its own.
+        let least = if self.had == Had::IMPOSTOR || fresh { 1.0 } else { 1.0 - GAIN };
+        match self.impostor_cost(allowed, cost, costs) {
+            Some(impostor) if impostor.0 < cost.0 * least => (Choose::Impostor, impostor),
+            _ => (Choose::Mesh(mesh), cost),
+        }
+    }
+
+    /// Why `chosen` was chosen; `unhurried` is what would be with time enough.
+    pub fn reason(&self, chosen: &Candidate, unhurried: &Candidate, allowed: f64) -> Reason {
+        let class = if chosen.cost < unhurried.cost { Class::Budgeted } else { Class::Dominated };
+        match chosen.choice {
+            Choice::Full => match self.object.details.first() {
+                Some(next) => Reason::new(Class::Kept, Rule::Tolerance, self.strain(next), allowed),
+                None => Reason::new(Class::Kept, Rule::OnlyOne, 0.0, 0.0),
+            },
+            Choice::Nothing => {
+                let shade = self.tolerances.edge_shade;
+                Reason::new(class, Rule::TooSmall, chosen.error.value, shade * allowed)
+            }
+            _ => Reason::new(class, Rule::Tolerance, chosen.strain, allowed),
+        }
+    }
+
+    /// What was not chosen: the whole, and what is next after the chosen form.
+    pub fn rejected(
+        &self,
+        chosen: &Candidate,
+        allowed: f64,
+        costs: &(impl CostModel + ?Sized),
+        out: &mut Vec<Rejected>,
+    ) {
+        let next = match chosen.choice {
+            Choice::Full => 0,
+            Choice::Detail { detail, .. } => detail as usize + 1,
+            _ => self.object.details.len(),
+        };
+        if chosen.choice != Choice::Full {
+            let full = self.mesh_cost(0, costs);
+            let because = Reason::new(Class::Dominated, Rule::Dearer, full.0, chosen.cost.0);
+            out.push(Rejected { choice: Choice::Full, because });
+        }
+        if let Some(detail) = self.object.details.get(next) {
+            let because = Reason::new(Class::Kept, Rule::Tolerance, self.strain(detail), allowed);
+            out.push(Rejected { choice: Choice::Detail { detail: next as u32, form: detail.form }, because });
+        } else if chosen.choice != Choice::Nothing {
+            let (shade, allowed) = (self.vanishing_shade(), self.tolerances.edge_shade * allowed);
+            let because = Reason::new(Class::Kept, Rule::TooSmall, shade, allowed);
+            out.push(Rejected { choice: Choice::Nothing, because });
+        }
+    }
+
+    /// The cheapest of the object and its details: the coarsest of those made of triangles, or of points.
+    fn cheapest(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> (usize, Millis) {
+        let coarsest = self.coarsest(allowed);
+        let within = &self.object.details[..coarsest];
+        let last = |points: bool| {
+            let place = within.iter().rposition(|d| (d.form == Form::Points) == points);
+            place.map_or(0, |i| i + 1)
+        };
+        let priced = |skipped| (skipped, self.mesh_cost(skipped, costs));
+        let (mesh, points) = (priced(last(false)), last(true));
+        if points == 0 {
+            return mesh;
+        }
+        // Which of the two it was stays so until the other is clearly cheaper.
+        let had = self.had.detail().map(usize::from);
+        let (stays, comes) = (had == Some(points), had.is_some_and(|h| h != points));
+        let points = priced(points);
+        let weight = if stays { 1.0 - BAND } else { 1.0 };
+        let least = if comes { 1.0 - BAND } else { 1.0 };
+        if points.1.0 * weight < mesh.1.0 * least { points } else { mesh }
+    }
+
+    /// How many details may be skipped, the object itself being zero. Finer than before is no new choice: only going down must clear the band.
+    fn coarsest(&self, allowed: f64) -> usize {
+        let details = self.object.details;
+        let limit = allowed * self.tolerances.position_px;
+        let within = |limit: f64| {
+            let px = self.view.px_per_unit;
+            details.iter().take_while(|d| d.error == 0.0 || d.error * px <= limit).count()
+        };
+        match self.had.detail() {
+            _ if self.had == Had::UNKNOWN => within(limit),
+            had => within(limit * (1.0 - BAND)).max(within(limit).min(had.map_or(0, usize::from))),
+        }
+    }
+
+    /// Error of a detail in tolerances.
+    fn strain(&self, detail: &Detail) -> f64 {
+        strain(detail.error * self.view.px_per_unit, self.tolerances.position_px)
+    }
+
+    /// What the object itself (zero) or a detail of it takes.
+    fn mesh_cost(&self, skipped: usize, costs: &(impl CostModel + ?Sized)) -> Millis {
+        let (object, view) = (self.object, self.view);
+        let mut work = Work {
+            draws: object.draws,
+            vertices: object.vertices,
+            triangles: object.triangles,
+            pixels: view.pixels,
+            ..Work::default()
+        };
+        if let Some(detail) = skipped.checked_sub(1).map(|i| &object.details[i]) {
+            if detail.form == Form::Points {
+                work = Work { draws: object.draws.min(1.0), points: detail.elements, ..Work::default() };
+            } else if detail.elements < object.triangles {
+                work.vertices *= detail.elements / object.triangles;
+                work.triangles = detail.elements;
+                work.draws = work.draws.min(detail.elements);
+            }
+        }
+        costs.time(&work)
+    }
+
+    fn mesh(&self, skipped: usize, cost: Millis) -> Candidate {
+        let Some(detail) = skipped.checked_sub(1).map(|i| &self.object.details[i]) else {
+            return Candidate::exact(Choice::Full, cost);
+        };
+        let error_px = detail.error * self.view.px_per_unit;
+        Candidate {
+            choice: Choice::Detail { detail: skipped as u32 - 1, form: detail.form },
+            strain: strain(error_px, self.tolerances.position_px),
+            error: ErrorBound { kind: detail.kind, ..ErrorBound::proven(error_px, Unit::Pixels) },
+            cost,
+        }
+    }
+
+    /// What an impostor takes whose error may grow to what is allowed, written off over the frames until then (Hilbert & Brunnett 2004, equation
+    /// 1); `None` where it may not be or would not last.
+    fn impostor_cost(&self, allowed: f64, mesh: Millis, costs: &(impl CostModel + ?Sized)) -> Option<Millis> {
+        let error_px = allowed * self.tolerances.position_px;
+        let frames = (self.view.impostor_frames * error_px).min(HORIZON);
+        let least = if self.had == Had::IMPOSTOR { LEAST_FRAMES } else { LEAST_FRAMES * (1.0 + GAIN) };
+        if !self.object.impostor || frames < least {
+            return None;
+        }
+        // A quad of as many pixels as its square on the screen has, drawn every frame; the picture, once in a while.
+        let square = (self.view.size_px * self.view.size_px).max(self.view.pixels);
+        let quad = Work { draws: 1.0, vertices: 4.0, triangles: 2.0, pixels: square, ..Work::default() };
+        let once = costs.time(&Work { texels: square, ..Work::default() }) + mesh;
+        Some(costs.time(&quad) + once * (1.0 / frames))
+    }
+
+    fn impostor(&self, allowed: f64, cost: Millis) -> Candidate {
+        let error_px = allowed * self.tolerances.position_px;
+        Candidate {
+            choice: Choice::Impostor { error_px },
+            strain: allowed,
+            error: ErrorBound::proven(error_px, Unit::Pixels),
+            cost,
+        }
+    }
+
+    fn nothing(&self) -> Candidate {
+        Candidate {
+            choice: Choice::Nothing,
+            strain: self.vanishing(),
+            error: ErrorBound::proven(self.vanishing_shade(), Unit::Fraction),
+            cost: Millis::ZERO,
+        }
+    }
+
+    /// What is missed of a pixel when the object is left out, in tolerances.
+    fn vanishing(&self) -> f64 {
+        strain(self.vanishing_shade(), self.tolerances.edge_shade)
+    }
+
+    /// What is missed of a pixel, as a share of its range: the area of the object on the screen.
+    fn vanishing_shade(&self) -> f64 {
+        (self.view.size_px * self.view.size_px).min(1.0)
+    }
+}
