@@ -1,6 +1,7 @@
 //! A way to do something, and picking among several.
 
 use crate::choice::{Choice, Class, Reason, Rejected, Rule};
+use crate::work::Work;
 use farsight_geometry::Millis;
 use farsight_geometry::accuracy::{ErrorBound, Unit};
 
@@ -14,18 +15,19 @@ pub struct Candidate {
     /// Error in tolerances.
     pub strain: f64,
     pub error: ErrorBound,
+    pub work: Work,
     pub cost: Millis,
 }
 
 impl Candidate {
     /// Something that is exact.
-    pub fn exact(choice: Choice, cost: Millis) -> Self {
-        Self { choice, strain: 0.0, error: ErrorBound::proven(0.0, Unit::Pixels), cost }
+    pub fn exact(choice: Choice, work: Work, cost: Millis) -> Self {
+        Self { choice, strain: 0.0, error: ErrorBound::proven(0.0, Unit::Pixels), work, cost }
     }
 
     /// Nothing, where nothing is missed.
     pub fn nothing() -> Self {
-        Self::exact(Choice::Nothing, Millis::ZERO)
+        Self::exact(Choice::Nothing, Work::default(), Millis::ZERO)
     }
 }
 

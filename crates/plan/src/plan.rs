@@ -10,7 +10,7 @@ use crate::rules::occlusion::Occlusion;
 use crate::rules::{cloud, occlusion, shadow};
 use crate::state::{LightState, PlanState};
 use crate::summary::{Budget, SceneSummary, ViewSummary, check};
-use crate::work::CostModel;
+use crate::work::{CostModel, Work};
 use farsight_geometry::Millis;
 use std::fmt;
 
@@ -22,7 +22,9 @@ pub struct Plan {
     pub decisions: Vec<Decision>,
     /// What to run, in this order. Every pass is read by a later one, or is what the frame is drawn for.
     pub passes: Vec<Pass>,
-    /// What it takes, by the cost model: the sum over the decisions.
+    /// Work of all decisions, before hidden objects are left out.
+    pub work: Work,
+    /// What it takes, by the cost model: the sum over the decisions, less what hidden objects save.
     pub cost: Millis,
     /// Largest error in tolerances; above one where time is short or nothing finer can be had.
     pub strain: f64,
@@ -54,10 +56,12 @@ impl Plan {
         self.decisions.clear();
         self.passes.clear();
         self.rejected.clear();
-        (self.cost, self.strain, self.allowed) = (Millis::ZERO, 0.0, 1.0);
+        (self.work, self.cost) = (Work::default(), Millis::ZERO);
+        (self.strain, self.allowed) = (0.0, 1.0);
     }
 
     fn push(&mut self, effect: Effect, chosen: &Candidate, because: Reason, first_rejected: usize) {
+        self.work += chosen.work;
         self.cost += chosen.cost;
         self.strain = self.strain.max(chosen.strain);
         self.decisions.push(Decision {
@@ -395,7 +399,7 @@ impl<C: CostModel + ?Sized> Frame<'_, C> {
             (Candidate::nothing(), Reason::new(Class::Void, Rule::NobodyReads, 0.0, 0.0))
         } else {
             plan.rejected.extend(occlusion.rejected);
-            (Candidate::exact(occlusion.choice, occlusion.cost(objects)), occlusion.because)
+            (Candidate::exact(occlusion.choice, Work::default(), occlusion.cost(objects)), occlusion.because)
         };
         plan.push(Effect::Occlusion, &chosen, because, first);
         plan.decisions[place..].rotate_right(1);
@@ -416,7 +420,12 @@ impl<C: CostModel + ?Sized> Frame<'_, C> {
                 }
             }
         };
-        plan.push(Effect::FrameRate, &Candidate::exact(choice, Millis::ZERO), because, first);
+        plan.push(
+            Effect::FrameRate,
+            &Candidate::exact(choice, Work::default(), Millis::ZERO),
+            because,
+            first,
+        );
         plan.decisions[place..].rotate_right(1);
     }
 
@@ -510,6 +519,7 @@ impl PlanState {
                 choice: decision.choice,
                 strain: decision.strain,
                 error: decision.error,
+                work: Work::default(),
                 cost: decision.cost,
             };
             match decision.effect {

@@ -46,6 +46,8 @@ pub struct RenderOptions<'a> {
     pub shadows: &'a [ShadowMap],
     /// Instances to draw; `None` draws all. Those outside the view are skipped either way.
     pub only: Option<&'a [u32]>,
+    /// Triangles to draw in place of an instance's own, over the same vertices; instances beyond the list's end are drawn as they are.
+    pub forms: &'a [Option<&'a [[u32; 3]]>],
     /// Mip-mapped textures of the scene, from [`mip_maps`]; empty to make them on the fly.
     pub textures: &'a [MipMap],
 }
@@ -65,6 +67,7 @@ impl Default for RenderOptions<'_> {
             exposure: 1.0,
             shadows: &[],
             only: None,
+            forms: &[],
             textures: &[],
         }
     }
@@ -203,10 +206,11 @@ impl View<'_> {
         let blend = if material.alpha == AlphaMode::Blend { Blend::Over } else { Blend::Replace };
         let state = State { cull, ids, blend, depth_write: blend == Blend::Replace, ..State::default() };
         let clip_from_local = self.clip_from_relative * DMat4::from(relative);
-        let draw = Draw { positions: mesh.positions(), triangles: mesh.triangles(), clip_from_local, state };
+        let triangles = self.options.forms.get(i).copied().flatten().unwrap_or(mesh.triangles());
+        let draw = Draw { positions: mesh.positions(), triangles, clip_from_local, state };
         let masked = matches!(material.alpha, AlphaMode::Mask { .. });
         if self.options.outputs.colour || masked {
-            let shader = SurfaceShader::new(mesh, &material, relative, self);
+            let shader = SurfaceShader::new(mesh, triangles, &material, relative, self);
             rasteriser.draw_shaded(target, &draw, &shader);
         } else {
             rasteriser.draw(target, &draw);
@@ -217,6 +221,7 @@ impl View<'_> {
 /// Albedo times light.
 struct SurfaceShader<'a> {
     mesh: &'a TriangleMesh,
+    triangles: &'a [[u32; 3]],
     material: &'a Material,
     texture: Option<&'a MipMap>,
     lighting: &'a Lighting<'a>,
@@ -227,11 +232,18 @@ struct SurfaceShader<'a> {
 }
 
 impl<'a> SurfaceShader<'a> {
-    fn new(mesh: &'a TriangleMesh, material: &'a Material, relative: DAffine3, view: &View<'a>) -> Self {
+    fn new(
+        mesh: &'a TriangleMesh,
+        triangles: &'a [[u32; 3]],
+        material: &'a Material,
+        relative: DAffine3,
+        view: &View<'a>,
+    ) -> Self {
         let inverse = relative.matrix3.inverse().transpose();
         let horizon = view.options.sky.map_or(Vec3::ZERO, |s| s[1]);
         Self {
             mesh,
+            triangles,
             material,
             texture: material.texture.and_then(|t| view.textures.get(t.0 as usize)),
             lighting: view.lighting,
@@ -284,7 +296,7 @@ fn linear_colour([r, g, b, a]: [u8; 4]) -> Vec4 {
 
 impl PixelShader for SurfaceShader<'_> {
     fn shade(&self, fragment: &Fragment) -> Option<Vec4> {
-        let corners = self.mesh.triangles()[fragment.triangle as usize].map(|i| i as usize);
+        let corners = self.triangles[fragment.triangle as usize].map(|i| i as usize);
         let weights = fragment.weights();
         let albedo = self.albedo(fragment, corners, weights);
         let alpha = match self.material.alpha {

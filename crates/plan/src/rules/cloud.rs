@@ -17,10 +17,12 @@ pub fn points(
     let error_px = tolerances.position_px * allowed;
     let wanted = view.points_at_one_px / (error_px * error_px);
     let (points, error_px) = if wanted < cloud.points { (wanted, error_px) } else { (cloud.points, 0.0) };
+    let work = Work { draws: 1.0, points, ..Work::default() };
     Candidate {
         choice: Choice::Points { error_px, points },
         strain: strain(error_px, tolerances.position_px),
         error: ErrorBound::proven(error_px, Unit::Pixels),
-        cost: costs.time(&Work { draws: 1.0, points, ..Work::default() }),
+        work,
+        cost: costs.time(&work),
     }
 }

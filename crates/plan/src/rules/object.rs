@@ -42,10 +42,10 @@ impl Had {
     }
 }
 
-/// What to draw: nothing, an impostor, or a detail (the object itself being zero).
+/// What to draw: nothing, an impostor of a detail, or a detail (the object itself being zero).
 enum Choose {
     Nothing,
-    Impostor,
+    Impostor(usize),
     Mesh(usize),
 }
 
@@ -63,7 +63,7 @@ impl Seen<'_> {
     pub fn pick(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> Candidate {
         match self.choose(allowed, costs) {
             (Choose::Nothing, _) => self.nothing(),
-            (Choose::Impostor, cost) => self.impostor(allowed, cost),
+            (Choose::Impostor(mesh), cost) => self.impostor(allowed, mesh, cost),
             (Choose::Mesh(skipped), cost) => self.mesh(skipped, cost),
         }
     }
@@ -81,8 +81,9 @@ impl Seen<'_> {
         let (mesh, cost) = self.cheapest(allowed, costs);
         // The error of an impostor is what it is allowed to be; its mesh has its own.
         let least = if self.had == Had::IMPOSTOR || fresh { 1.0 } else { 1.0 - GAIN };
-        match self.impostor_cost(allowed, cost, costs) {
-            Some(impostor) if impostor.0 < cost.0 * least => (Choose::Impostor, impostor),
+        let impostor = self.impostor_frames(allowed).map(|f| costs.time(&self.impostor_work(f, mesh)));
+        match impostor {
+            Some(impostor) if impostor.0 < cost.0 * least => (Choose::Impostor(mesh), impostor),
             _ => (Choose::Mesh(mesh), cost),
         }
     }
@@ -117,7 +118,7 @@ impl Seen<'_> {
             _ => self.object.details.len(),
         };
         if chosen.choice != Choice::Full {
-            let full = self.mesh_cost(0, costs);
+            let full = costs.time(&self.mesh_work(0));
             let because = Reason::new(Class::Dominated, Rule::Dearer, full.0, chosen.cost.0);
             out.push(Rejected { choice: Choice::Full, because });
         }
@@ -139,7 +140,7 @@ impl Seen<'_> {
             let place = within.iter().rposition(|d| (d.form == Form::Points) == points);
             place.map_or(0, |i| i + 1)
         };
-        let priced = |skipped| (skipped, self.mesh_cost(skipped, costs));
+        let priced = |skipped| (skipped, costs.time(&self.mesh_work(skipped)));
         let (mesh, points) = (priced(last(false)), last(true));
         if points == 0 {
             return mesh;
@@ -172,8 +173,8 @@ impl Seen<'_> {
         strain(detail.error * self.view.px_per_unit, self.tolerances.position_px)
     }
 
-    /// What the object itself (zero) or a detail of it takes.
-    fn mesh_cost(&self, skipped: usize, costs: &(impl CostModel + ?Sized)) -> Millis {
+    /// What drawing the object itself (zero) or a detail of it is.
+    fn mesh_work(&self, skipped: usize) -> Work {
         let (object, view) = (self.object, self.view);
         let mut work = Work {
             draws: object.draws,
@@ -191,44 +192,47 @@ impl Seen<'_> {
                 work.draws = work.draws.min(detail.elements);
             }
         }
-        costs.time(&work)
+        work
     }
 
     fn mesh(&self, skipped: usize, cost: Millis) -> Candidate {
         let Some(detail) = skipped.checked_sub(1).map(|i| &self.object.details[i]) else {
-            return Candidate::exact(Choice::Full, cost);
+            return Candidate::exact(Choice::Full, self.mesh_work(0), cost);
         };
         let error_px = detail.error * self.view.px_per_unit;
         Candidate {
             choice: Choice::Detail { detail: skipped as u32 - 1, form: detail.form },
             strain: strain(error_px, self.tolerances.position_px),
             error: ErrorBound { kind: detail.kind, ..ErrorBound::proven(error_px, Unit::Pixels) },
+            work: self.mesh_work(skipped),
             cost,
         }
     }
 
-    /// What an impostor takes whose error may grow to what is allowed, written off over the frames until then (Hilbert & Brunnett 2004, equation
-    /// 1); `None` where it may not be or would not last.
-    fn impostor_cost(&self, allowed: f64, mesh: Millis, costs: &(impl CostModel + ?Sized)) -> Option<Millis> {
+    /// Frames until an impostor is off by what is allowed; `None` where it may not be or would not last.
+    fn impostor_frames(&self, allowed: f64) -> Option<f64> {
         let error_px = allowed * self.tolerances.position_px;
         let frames = (self.view.impostor_frames * error_px).min(HORIZON);
         let least = if self.had == Had::IMPOSTOR { LEAST_FRAMES } else { LEAST_FRAMES * (1.0 + GAIN) };
-        if !self.object.impostor || frames < least {
-            return None;
-        }
-        // A quad of as many pixels as its square on the screen has, drawn every frame; the picture, once in a while.
-        let square = (self.view.size_px * self.view.size_px).max(self.view.pixels);
-        let quad = Work { draws: 1.0, vertices: 4.0, triangles: 2.0, pixels: square, ..Work::default() };
-        let once = costs.time(&Work { texels: square, ..Work::default() }) + mesh;
-        Some(costs.time(&quad) + once * (1.0 / frames))
+        (self.object.impostor && frames >= least).then_some(frames)
     }
 
-    fn impostor(&self, allowed: f64, cost: Millis) -> Candidate {
+    /// A quad every frame, and drawing the picture of a detail once in `frames` (Hilbert & Brunnett 2004, equation 1).
+    fn impostor_work(&self, frames: f64, skipped: usize) -> Work {
+        // As many pixels as the square around it on the screen has.
+        let square = (self.view.size_px * self.view.size_px).max(self.view.pixels);
+        let quad = Work { draws: 1.0, vertices: 4.0, triangles: 2.0, pixels: square, ..Work::default() };
+        let picture = Work { texels: square, ..Work::default() } + self.mesh_work(skipped);
+        quad + picture * (1.0 / frames)
+    }
+
+    fn impostor(&self, allowed: f64, skipped: usize, cost: Millis) -> Candidate {
         let error_px = allowed * self.tolerances.position_px;
         Candidate {
             choice: Choice::Impostor { error_px },
             strain: allowed,
             error: ErrorBound::proven(error_px, Unit::Pixels),
+            work: self.impostor_frames(allowed).map_or(Work::default(), |f| self.impostor_work(f, skipped)),
             cost,
         }
     }
@@ -238,6 +242,7 @@ impl Seen<'_> {
             choice: Choice::Nothing,
             strain: self.vanishing(),
             error: ErrorBound::proven(self.vanishing_shade(), Unit::Fraction),
+            work: Work::default(),
             cost: Millis::ZERO,
         }
     }

@@ -64,11 +64,12 @@ pub fn candidates(
         choice: Choice::Nothing,
         strain: strain(missing, tolerances.area_shade),
         error: ErrorBound::proven(missing, Unit::Fraction),
+        work: Work::default(),
         cost: Millis::ZERO,
     });
     if let Some(map) = state.map.filter(|_| view.unchanged) {
         let work = Work { taps: view.receiver_pixels * f64::from(taps_of(&map.choice)), ..Work::default() };
-        out.push(Candidate { choice: Choice::Reuse, cost: costs.time(&work), ..map });
+        out.push(Candidate { choice: Choice::Reuse, cost: costs.time(&work), work, ..map });
     }
     let warp = gain(view) >= wanted_gain(state);
     let sides = std::iter::successors(Some(light.most_side), |s| Some(s / 2));
@@ -126,7 +127,7 @@ fn map(
         ErrorBound::estimated(shade, Unit::Fraction)
     };
     let choice = Choice::Map { layout, side, taps, caster_px: tolerances.position_px };
-    Candidate { choice, strain: coarse.max(wrong), error, cost: costs.time(&work) }
+    Candidate { choice, strain: coarse.max(wrong), error, work, cost: costs.time(&work) }
 }
 
 /// Samples that a pixel takes from a map.
