@@ -9,7 +9,6 @@ use farsight_occlusion::{
 };
 use farsight_raster::relative_from_mesh;
 use std::error::Error;
-use std::time::{Duration, Instant};
 
 /// Triangles that are drawn as occluders in a frame, and the least size on the screen that makes one worth it.
 const OCCLUDER_TRIANGLES: u64 = 150_000;
@@ -50,9 +49,8 @@ impl<'a> Visibility<'a> {
         })
     }
 
-    /// The objects that may be seen, and the time that it took. The image without the others is the same, sample by sample.
-    pub fn cull(&mut self, hierarchy: &Bvh, camera: &Camera) -> (&[u32], Duration) {
-        let start = Instant::now();
+    /// The objects that may be seen, drawn in these forms. The image without the others is the same, sample by sample.
+    pub fn cull(&mut self, hierarchy: &Bvh, camera: &Camera, forms: &[Option<&[[u32; 3]]>]) -> &[u32] {
         self.buffer.clear();
         self.occluders.clear();
         self.visible.clear();
@@ -60,7 +58,7 @@ impl<'a> Visibility<'a> {
         self.culler.begin_frame(View::from_camera(camera));
         loop {
             match self.culler.next(hierarchy) {
-                Command::Render(leaf) => self.see(hierarchy, leaf, camera, &clip),
+                Command::Render(leaf) => self.see(hierarchy, leaf, camera, &clip, forms),
                 Command::Query { id, proxy, .. } => {
                     let hidden = match &proxy {
                         Proxy::Box(b) => self.buffer.is_occluded(&clip, camera.eye(), b),
@@ -76,19 +74,27 @@ impl<'a> Visibility<'a> {
                 Command::Done => break,
             }
         }
-        (&self.visible, start.elapsed())
+        &self.visible
     }
 
     /// Notes a visible object and draws it as occluder when it is large and solid.
-    fn see(&mut self, hierarchy: &Bvh, leaf: NodeId, camera: &Camera, clip: &DMat4) {
+    fn see(
+        &mut self,
+        hierarchy: &Bvh,
+        leaf: NodeId,
+        camera: &Camera,
+        clip: &DMat4,
+        forms: &[Option<&[[u32; 3]]>],
+    ) {
         let Some(object) = hierarchy.object(leaf) else { return };
         self.visible.push(object);
         let instance = &self.scene.instances()[object as usize];
         let mesh = self.scene.mesh_of(instance);
+        let triangles = forms.get(object as usize).copied().flatten().unwrap_or(mesh.triangles());
         let size = camera.box_px(&self.bounds[object as usize]);
-        if self.solid[object as usize] && self.occluders.admits(size, mesh.triangles().len() as u64) {
+        if self.solid[object as usize] && self.occluders.admits(size, triangles.len() as u64) {
             let relative = DMat4::from(relative_from_mesh(instance, mesh, camera.eye()));
-            self.buffer.draw(&(*clip * relative), mesh.positions(), mesh.triangles(), Faces::Both);
+            self.buffer.draw(&(*clip * relative), mesh.positions(), triangles, Faces::Both);
         }
     }
 }

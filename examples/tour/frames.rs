@@ -1,172 +1,284 @@
-//! One frame: shadow map where the sun can be seen to matter, then the picture.
+//! One frame: planned, its shadow map where the sun can be seen to matter, then the picture.
 
 use crate::cull::Visibility;
-use crate::predict::Prediction;
+use crate::forms::Forms;
+use crate::planning::{Planning, form};
 use farsight_geometry::bvh::Bvh;
-use farsight_geometry::glam::DMat4;
+use farsight_geometry::glam::{DMat4, DVec3};
 use farsight_geometry::scene::Light;
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
+use farsight_plan::{Budget, Choice, Effect, Layout, LightView, Plan, TexelSpread};
 use farsight_raster::thread_cpu_time;
 use farsight_raster::{
     Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, Target, mip_maps,
     relative_from_mesh, render_scene,
 };
-use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Skip};
+use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Skip, Warp};
 use farsight_timing::Millis;
 use std::error::Error;
-use std::time::{Duration, Instant};
 
 /// What a frame took.
 pub struct FrameReport {
     /// Objects in the view volume.
     pub in_view: usize,
-    /// Objects that are not hidden either.
-    pub visible: usize,
-    pub culling: Duration,
-    /// Processor time of drawing, as told before and as it was.
-    pub predicted: Millis,
-    pub drawing: Millis,
+    /// Objects that were drawn.
+    pub drawn: usize,
+    /// What was decided; `None` where everything runs.
+    pub plan: Option<Plan>,
     pub counters: Counters,
-    /// The sun's map, or why there was none; `None` without a sun.
-    pub shadow: Option<Result<ShadowReport, Skip>>,
-    pub time: Duration,
+    /// The sun's map, if one was drawn.
+    pub shadow: Option<ShadowReport>,
+    /// Processor time: as told before, and as it was, of all and of its parts.
+    pub predicted: Millis,
+    pub time: Millis,
+    pub culling: Millis,
 }
 
 /// The shadow pass of a frame.
 pub struct ShadowReport {
     pub view: ShadowView,
     pub casters_drawn: usize,
-    pub time: Duration,
+    pub time: Millis,
 }
 
-/// A shadow pass: what it took, and the map.
-type ShadowPass = (ShadowReport, ShadowMap);
+/// A sun's shadows, as far as they are known before they are decided upon.
+struct Sun {
+    direction: DVec3,
+    /// The best map of the largest side, or why none is needed.
+    fitted: Result<ShadowView, Skip>,
+}
 
 /// Draws frames of a scene, keeping what can be kept from one to the next.
 pub struct Renderer<'a> {
     scene: &'a Scene,
+    forms: &'a Forms,
     bounds: &'a [DAabb],
-    visibility: Visibility<'a>,
-    prediction: Prediction,
     hierarchy: Bvh,
-    receivers: Vec<DAabb>,
-    casters: Vec<u32>,
+    visibility: Visibility<'a>,
+    planning: Planning<'a>,
     textures: Vec<MipMap>,
     rasteriser: Rasteriser,
     focus: Focus,
     previous: Option<ShadowView>,
+    receivers: Vec<DAabb>,
+    casters: Vec<u32>,
     options: RenderOptions<'a>,
     map_side: u32,
 }
 
 impl<'a> Renderer<'a> {
-    /// Prepares a scene; `options` must not name shadows or textures.
+    /// Prepares a scene; `options` must not name shadows, textures or forms.
     pub fn new(
         scene: &'a Scene,
+        forms: &'a Forms,
         bounds: &'a [DAabb],
         size: [u32; 2],
         options: RenderOptions<'a>,
         map_side: u32,
+        budget: Budget,
     ) -> Result<Self, Box<dyn Error>> {
         let [width, height] = size.map(|side| side * options.supersampling);
+        let sun = matches!(scene.lights().first(), Some(Light::Directional { .. }));
         Ok(Self {
             scene,
-            visibility: Visibility::new(scene, bounds, width, height)?,
-            prediction: Prediction::new()?,
-            hierarchy: Bvh::build(bounds)?,
-            receivers: Vec::new(),
-            casters: Vec::new(),
+            forms,
             bounds,
+            hierarchy: Bvh::build(bounds)?,
+            visibility: Visibility::new(scene, bounds, width, height)?,
+            planning: Planning::new(scene, forms, sun.then_some(map_side), width * height, budget)?,
             textures: mip_maps(scene),
             rasteriser: Rasteriser::new(),
             focus: Focus::new(),
             previous: None,
+            receivers: Vec::new(),
+            casters: Vec::new(),
             options,
             map_side,
         })
     }
 
-    /// Draws a frame.
-    pub fn frame(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
-        let start = Instant::now();
-        self.look(camera);
-        let mut maps = Vec::new();
-        let shadow = match self.shadow(camera)? {
-            None => None,
-            Some(Err(skip)) => Some(Err(skip)),
-            Some(Ok((report, map))) => {
-                maps.push(map);
-                Some(Ok(report))
+    /// Draws what the plan for this view asks for.
+    pub fn planned(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
+        let start = thread_cpu_time();
+        let sun = self.fit(camera)?;
+        let light = sun.as_ref().map(|sun| self.light(sun, camera));
+        let samples = f64::from(self.options.supersampling).powi(2);
+        let plan = self.planning.plan(camera, self.bounds, light, samples)?.clone();
+        let predicted = plan.cost + self.planning.constant();
+        let choice = |effect| plan.decision(effect).map_or(Choice::Nothing, |d| d.choice);
+        let forms: Vec<Option<&[[u32; 3]]>> = plan
+            .objects()
+            .iter()
+            .zip(self.scene.instances())
+            .map(|(d, instance)| Some(self.forms.triangles(instance.mesh.0, form(&d.choice)?)))
+            .collect();
+
+        let map = match (&sun, choice(Effect::Shadow { light: 0 })) {
+            (Some(Sun { direction, fitted: Ok(view) }), Choice::Map { layout, side, .. }) => {
+                let options = MapOptions::new(side);
+                let warp = if layout == Layout::Uniform { Warp::Uniform } else { options.warp };
+                let view = if side == self.map_side && layout == Layout::Warped {
+                    *view
+                } else {
+                    self.focus.map(&options.with_warp(warp), self.previous.as_ref())
+                };
+                Some(self.draw_map(view, *direction, &forms)?)
             }
+            _ => None,
         };
-        // Hidden is what no sample shows, so culling looks at the samples, not at the pixels.
-        let n = self.options.supersampling;
-        let fine = camera.with_image(camera.width() * n, camera.height() * n)?;
-        let (visible, culling) = self.visibility.cull(&self.hierarchy, &fine);
-        let predicted = self.prediction.predict(self.scene, visible, self.bounds, &fine);
-        let mut options = self.options;
-        options.shadows = &maps;
-        options.textures = &self.textures;
-        options.only = Some(visible);
+
+        let wanted = |object: &u32| plan.objects()[*object as usize].choice != Choice::Nothing;
         let before = thread_cpu_time();
-        let (target, counters) = render_scene(&mut self.rasteriser, self.scene, camera, &options)?;
-        let drawing = Millis::from(thread_cpu_time() - before);
-        let (visible, in_view) = (visible.len(), self.receivers.len());
-        self.prediction.learn(drawing)?;
+        let culls = matches!(choice(Effect::Occlusion), Choice::Queries | Choice::CellsAndQueries);
+        let objects: Vec<u32> = if culls {
+            let visible = self.visibility.cull(&self.hierarchy, &self.fine(camera)?, &forms);
+            visible.iter().copied().filter(wanted).collect()
+        } else {
+            (0..self.bounds.len() as u32).filter(wanted).collect()
+        };
+        let culling = Millis::from(thread_cpu_time() - before);
+
+        let total: Millis = plan.objects().iter().map(|d| d.cost).sum();
+        let drawn: Millis = objects.iter().map(|&o| plan.objects()[o as usize].cost).sum();
+        let (target, counters, drawing) = self.draw(camera, map.as_ref().map(|m| &m.0), &objects, &forms)?;
+        let time = Millis::from(thread_cpu_time() - start);
+        let share = if total.0 > 0.0 { drawn / total } else { 1.0 };
+        self.planning.learn(share, drawing, map.as_ref().map(|m| m.1.time))?;
+        if culls {
+            self.planning.learn_culling(total - drawn, culling);
+        }
+        let in_view = self.planning.seen().iter().filter(|s| s.in_view).count();
         let report = FrameReport {
             in_view,
-            visible,
-            culling,
-            predicted,
-            drawing,
+            drawn: objects.len(),
+            plan: Some(plan),
             counters,
-            shadow,
-            time: start.elapsed(),
+            shadow: map.map(|m| m.1),
+            predicted,
+            time,
+            culling,
         };
         Ok((target, report))
     }
 
-    /// Finds what is in view.
-    fn look(&mut self, camera: &Camera) {
+    /// Draws with everything on: all triangles of what is not hidden, the largest shadow map.
+    pub fn everything(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
+        let start = thread_cpu_time();
+        let sun = self.fit(camera)?;
+        let map = match &sun {
+            Some(Sun { direction, fitted: Ok(view) }) => Some(self.draw_map(*view, *direction, &[])?),
+            _ => None,
+        };
+        let before = thread_cpu_time();
+        let objects = self.visibility.cull(&self.hierarchy, &self.fine(camera)?, &[]).to_vec();
+        let culling = Millis::from(thread_cpu_time() - before);
+        let (target, counters, _) = self.draw(camera, map.as_ref().map(|m| &m.0), &objects, &[])?;
+        let report = FrameReport {
+            in_view: self.receivers.len(),
+            drawn: objects.len(),
+            plan: None,
+            counters,
+            shadow: map.map(|m| m.1),
+            predicted: Millis::ZERO,
+            time: Millis::from(thread_cpu_time() - start),
+            culling,
+        };
+        Ok((target, report))
+    }
+
+    fn draw(
+        &mut self,
+        camera: &Camera,
+        map: Option<&ShadowMap>,
+        objects: &[u32],
+        forms: &[Option<&[[u32; 3]]>],
+    ) -> Result<(Target, Counters, Millis), Box<dyn Error>> {
+        let before = thread_cpu_time();
+        let mut options: RenderOptions = self.options;
+        options.shadows = map.map_or(&[], std::slice::from_ref);
+        options.textures = &self.textures;
+        options.only = Some(objects);
+        options.forms = forms;
+        let (target, counters) = render_scene(&mut self.rasteriser, self.scene, camera, &options)?;
+        Ok((target, counters, Millis::from(thread_cpu_time() - before)))
+    }
+
+    /// The camera of the samples: hidden is what no sample shows.
+    fn fine(&self, camera: &Camera) -> Result<Camera, Box<dyn Error>> {
+        let n = self.options.supersampling;
+        Ok(camera.with_image(camera.width() * n, camera.height() * n)?)
+    }
+
+    /// Fits a map to what the camera sees, if the first light is a sun.
+    fn fit(&mut self, camera: &Camera) -> Result<Option<Sun>, Box<dyn Error>> {
         self.receivers.clear();
         let seen = Frustum::from_camera(camera);
         self.hierarchy.frustum(&seen, |object, _| self.receivers.push(self.bounds[object as usize]));
-    }
-
-    /// The map of the first light, if it is a sun.
-    fn shadow(&mut self, camera: &Camera) -> Result<Option<Result<ShadowPass, Skip>>, Box<dyn Error>> {
         let Some(&Light::Directional { direction, .. }) = self.scene.lights().first() else {
             return Ok(None);
         };
-        let start = Instant::now();
         let scene_box = self.bounds.iter().fold(DAabb::EMPTY, |b, i| b.union(*i));
         // Beyond the far side of the scene there is nothing to shade.
         let farthest =
             scene_box.corners().iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max);
         let casters = [scene_box];
         let scope = Scope::new(camera, farthest * 1.001, &self.receivers, &casters, self.map_side);
-        let skip = self.focus.fit(&ShadowLight::directional(direction), &scope)?;
-        if let Some(skip) = skip {
-            return Ok(Some(Err(skip)));
-        }
-        let view = self.focus.map(&MapOptions::new(self.map_side), self.previous.as_ref());
-        self.previous = Some(view);
-        let mut map = ShadowMap::new(
-            self.map_side,
-            view.clip_from_relative,
-            view.origin,
-            -direction,
-            ShadowOptions::default(),
-        )?;
+        let fitted = match self.focus.fit(&ShadowLight::directional(direction), &scope)? {
+            Some(skip) => Err(skip),
+            None => {
+                let view = self.focus.map(&MapOptions::new(self.map_side), self.previous.as_ref());
+                self.find_casters(&view);
+                Ok(view)
+            }
+        };
+        Ok(Some(Sun { direction, fitted }))
+    }
+
+    fn find_casters(&mut self, view: &ShadowView) {
         let lit = Frustum::from_matrix(&view.clip_from_relative, view.origin, 0.0);
         self.casters.clear();
         self.hierarchy.frustum(&lit, |object, _| self.casters.push(object));
+    }
+
+    /// What the planner is told of the sun.
+    fn light(&self, sun: &Sun, camera: &Camera) -> LightView {
+        let view = match &sun.fitted {
+            Err(skip) => return LightView::skipped(*skip),
+            Ok(view) => view,
+        };
+        let triangles = |&o: &u32| self.scene.mesh_of(&self.scene.instances()[o as usize]).triangles().len();
+        let samples = f64::from(self.options.supersampling).powi(2);
+        LightView {
+            receiver_pixels: f64::from(camera.width()) * f64::from(camera.height()) * samples,
+            caster_triangles: self.casters.iter().map(triangles).sum::<usize>() as f64,
+            caster_draws: self.casters.len() as f64,
+            contribution: 1.0,
+            texels: TexelSpread::of_map(view),
+            penumbra_px: 0.0,
+            unchanged: false,
+        }
+    }
+
+    fn draw_map(
+        &mut self,
+        view: ShadowView,
+        direction: DVec3,
+        forms: &[Option<&[[u32; 3]]>],
+    ) -> Result<(ShadowMap, ShadowReport), Box<dyn Error>> {
+        let before = thread_cpu_time();
+        self.previous = Some(view);
+        let options = ShadowOptions::default();
+        let mut map = ShadowMap::new(view.side, view.clip_from_relative, view.origin, -direction, options)?;
+        self.find_casters(&view);
         for &object in &self.casters {
             let instance = &self.scene.instances()[object as usize];
             let mesh = self.scene.mesh_of(instance);
             let relative = DMat4::from(relative_from_mesh(instance, mesh, view.origin));
-            map.draw(&mut self.rasteriser, mesh.positions(), mesh.triangles(), relative);
+            // What is seen casts the shadow of the form that is seen.
+            let triangles = forms.get(object as usize).copied().flatten().unwrap_or(mesh.triangles());
+            map.draw(&mut self.rasteriser, mesh.positions(), triangles, relative);
         }
-        Ok(Some(Ok((ShadowReport { view, casters_drawn: self.casters.len(), time: start.elapsed() }, map))))
+        let time = Millis::from(thread_cpu_time() - before);
+        Ok((map, ShadowReport { view, casters_drawn: self.casters.len(), time }))
     }
 }

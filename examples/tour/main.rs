@@ -10,25 +10,32 @@
 //! of the scene and plots of what each frame took. The frames also lie there as PNG, the last one's depth as EXR.
 
 mod cloud;
+mod compare;
 mod cull;
+mod forms;
 mod frames;
 mod input;
 mod inside;
 mod page;
-mod predict;
+mod planning;
+mod report;
 mod walk;
 
 use clap::Parser;
+use compare::Comparison;
 use farsight_geometry::glam::Vec3;
 use farsight_geometry::io::exr::FloatImage;
+use farsight_plan::{Budget, Tolerances};
 use farsight_raster::{Image, RenderOptions, Target};
+use farsight_timing::Millis;
+use forms::Forms;
 use frames::{FrameReport, Renderer};
 use indicatif::{ProgressBar, ProgressStyle};
 use input::Input;
-use page::Page;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 use walk::Up;
 
 #[derive(Parser)]
@@ -48,6 +55,15 @@ struct Options {
     /// Width of a frame in pixels; the height is 9/16 of it.
     #[arg(long)]
     width: Option<u32>,
+    /// How far a surface may appear from where it is, in pixels.
+    #[arg(long, default_value_t = 0.5, value_parser = positive)]
+    tolerance: f64,
+    /// Processor time in milliseconds that a frame may take; without, as long as the tolerances ask for.
+    #[arg(long, value_parser = positive)]
+    limit: Option<f64>,
+    /// Runs everything, wanted or not: full detail, culling, the largest shadow map.
+    #[arg(long)]
+    no_plan: bool,
     /// The axis of loaded files that points away from the ground; without, y for scenes and z for point clouds.
     #[arg(long, value_enum)]
     up: Option<Up>,
@@ -66,10 +82,18 @@ impl Options {
     }
 }
 
+/// A number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text} is no number"))?;
+    if number.is_finite() && number > 0.0 { Ok(number) } else { Err(format!("{text} is not above zero")) }
+}
+
 /// A frame as the page shows it.
 struct Shown {
     png: Vec<u8>,
     report: FrameReport,
+    /// What it would have been with everything on, for some of the frames.
+    comparison: Option<Comparison>,
 }
 
 fn main() -> ExitCode {
@@ -101,12 +125,15 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         eprintln!("warning: {warning}");
     }
 
-    let frames = walk_through(options, &input)?;
+    let start = Instant::now();
+    let forms = if options.no_plan { None } else { Some(Forms::build(&input.scene)?) };
+    let building = start.elapsed();
+    let frames = walk_through(options, &input, forms.as_ref())?;
 
-    let page = write_page(&input, &report.to_string(), &frames)?;
+    let page = report::page(&input, &report.to_string(), forms.as_ref().map(|f| (f, building)), &frames)?;
     let index = folder.join("index.html");
     std::fs::write(&index, page).map_err(|e| format!("cannot write {}: {e}", index.display()))?;
-    for row in frame_table(&frames) {
+    for row in report::frame_table(&frames) {
         println!("{}", row.iter().map(|cell| format!("{cell:>11}")).collect::<String>());
     }
     println!("{}", index.display());
@@ -114,7 +141,11 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
 }
 
 /// Draws all frames and writes them as they come.
-fn walk_through(options: &Options, input: &Input) -> Result<Vec<Shown>, Box<dyn Error>> {
+fn walk_through(
+    options: &Options,
+    input: &Input,
+    forms: Option<&Forms>,
+) -> Result<Vec<Shown>, Box<dyn Error>> {
     let (count, [width, height]) = (options.count(), options.size());
     let map_side = if options.quick { 1024 } else { 4096 };
     let mut look = RenderOptions::default();
@@ -126,21 +157,36 @@ fn walk_through(options: &Options, input: &Input) -> Result<Vec<Shown>, Box<dyn 
     }
     look.supersampling = if options.quick { 1 } else { 2 };
     let bounds = input.scene.instance_bounds();
-    let mut renderer = Renderer::new(&input.scene, &bounds, [width, height], look, map_side)?;
+    let none = Forms::none(&input.scene);
+    let tolerances = Tolerances::default().with_position_px(options.tolerance);
+    let budget = options
+        .limit
+        .map_or(Budget::unlimited(tolerances), |limit| Budget::within(Millis(limit), tolerances));
+    let forms = forms.unwrap_or(&none);
+    let mut renderer = Renderer::new(&input.scene, forms, &bounds, [width, height], look, map_side, budget)?;
     let bar = ProgressBar::new(count as u64)
         .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
     bar.set_message("frames");
     let mut frames = Vec::with_capacity(count);
     for i in 0..count {
         let camera = input.walk.camera(i, count, width, height)?;
-        let (target, report) = renderer.frame(&camera)?;
+        let (target, report) =
+            if options.no_plan { renderer.everything(&camera)? } else { renderer.planned(&camera)? };
+        // The first frame, one on the way and the last are drawn in full as well.
+        let compared = !options.no_plan && [0, count / 2, count - 1].contains(&i);
+        let comparison = if compared {
+            let (full, full_report) = renderer.everything(&camera)?;
+            Some(Comparison::new(&target, &full, full_report)?)
+        } else {
+            None
+        };
         let png = Image::from_colour(&target).to_png()?;
         let path = options.out.join(format!("frame_{i:03}.png"));
         std::fs::write(&path, &png).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
         if i + 1 == count {
             write_depth(&options.out.join("depth.exr"), &target, camera.near())?;
         }
-        frames.push(Shown { png, report });
+        frames.push(Shown { png, report, comparison });
         bar.inc(1);
     }
     bar.finish();
@@ -161,127 +207,4 @@ fn spinner(message: &'static str) -> ProgressBar {
     let spinner = ProgressBar::new_spinner().with_message(message);
     spinner.enable_steady_tick(std::time::Duration::from_millis(100));
     spinner
-}
-
-fn write_page(input: &Input, report: &str, frames: &[Shown]) -> Result<String, Box<dyn Error>> {
-    let scene = &input.scene;
-    let mut page = Page::new(&format!("A tour of {}", input.title), report);
-    page.heading("The scene");
-    let size = scene.bounds().extent();
-    page.table(&[
-        ["triangles placed", "triangles stored", "instances", "lights", "size", "memory"]
-            .map(String::from)
-            .to_vec(),
-        vec![
-            scene.placed_triangles().to_string(),
-            scene.stored_triangles().to_string(),
-            scene.instances().len().to_string(),
-            scene.lights().len().to_string(),
-            [size.x, size.y, size.z].map(short).join(" × "),
-            format!("{:.1} MB", scene.bytes() as f64 * 1e-6),
-        ],
-    ]);
-    input.warnings.iter().for_each(|w| page.paragraph(w));
-    page.heading("Frames");
-    let captions = frames.iter().enumerate().map(|(i, shown)| (shown.png.clone(), caption(i, &shown.report)));
-    page.pictures(&captions.collect::<Vec<_>>());
-    page.heading("What each frame took");
-    page.table(&frame_table(frames));
-    let series =
-        |value: fn(&FrameReport) -> f64| frames.iter().map(|f| value(&f.report)).collect::<Vec<f64>>();
-    let shadow_ms = |f: &FrameReport| match &f.shadow {
-        Some(Ok(s)) => s.time.as_secs_f64() * 1e3,
-        _ => 0.0,
-    };
-    page.plot(
-        "Time per frame",
-        "ms",
-        &[("frame", series(|f| f.time.as_secs_f64() * 1e3)), ("of it the shadow map", series(shadow_ms))],
-    )?;
-    page.paragraph(
-        "What drawing took, and what was foretold before each frame; the model learns from every frame.",
-    );
-    page.plot(
-        "Drawing, foretold and measured",
-        "processor ms",
-        &[("foretold", series(|f| f.predicted.0)), ("measured", series(|f| f.drawing.0))],
-    )?;
-    page.paragraph("Objects that the view volume holds, and those that nothing hides: only they are drawn.");
-    page.plot(
-        "Objects",
-        "objects",
-        &[("in view", series(|f| f.in_view as f64)), ("not hidden", series(|f| f.visible as f64))],
-    )?;
-    let texel = |warped: bool| {
-        let value = |f: &FrameReport| match &f.shadow {
-            Some(Ok(s)) if warped => s.view.texel.value,
-            Some(Ok(s)) => s.view.texel_uniform.value,
-            _ => 0.0,
-        };
-        frames.iter().map(|f| value(&f.report)).collect::<Vec<f64>>()
-    };
-    page.paragraph(
-        "How coarse the shadow map is where it is coarsest: pixels on the screen that one texel covers.",
-    );
-    page.plot("Worst shadow texel", "px", &[("as drawn", texel(true)), ("without a warp", texel(false))])?;
-    Ok(page.finish())
-}
-
-/// A length with four digits that mean something.
-fn short(x: f64) -> String {
-    let decimals = (3.0 - x.abs().max(1e-9).log10().floor()).clamp(0.0, 12.0) as usize;
-    format!("{x:.decimals$}")
-}
-
-fn caption(i: usize, frame: &FrameReport) -> String {
-    let shadow = match &frame.shadow {
-        None => "no sun".into(),
-        Some(Err(skip)) => format!("no shadow map needed: {skip:?}"),
-        Some(Ok(s)) => {
-            format!("shadow texel at most {:.1} px, warp gains {:.1}×", s.view.texel.value, s.view.gain())
-        }
-    };
-    format!("Frame {i}: {} objects in view, {} of them not hidden; {shadow}", frame.in_view, frame.visible)
-}
-
-/// Frame by frame, the head first.
-fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
-    let head = [
-        "frame",
-        "in view",
-        "drawn",
-        "triangles",
-        "cull ms",
-        "casters",
-        "texel px",
-        "gain",
-        "drawing ms",
-        "foretold",
-        "frame ms",
-    ];
-    let mut rows = vec![head.map(String::from).to_vec()];
-    for (i, Shown { report: f, .. }) in frames.iter().enumerate() {
-        let (casters, texel, gain) = match &f.shadow {
-            Some(Ok(s)) => (
-                s.casters_drawn.to_string(),
-                format!("{:.2}", s.view.texel.value),
-                format!("{:.2}", s.view.gain()),
-            ),
-            _ => ("-".into(), "-".into(), "-".into()),
-        };
-        rows.push(vec![
-            i.to_string(),
-            f.in_view.to_string(),
-            f.visible.to_string(),
-            f.counters.triangles.to_string(),
-            format!("{:.1}", f.culling.as_secs_f64() * 1e3),
-            casters,
-            texel,
-            gain,
-            format!("{:.0}", f.drawing.0),
-            format!("{:.0}", f.predicted.0),
-            format!("{:.0}", f.time.as_secs_f64() * 1e3),
-        ]);
-    }
-    rows
 }

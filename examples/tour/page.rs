@@ -21,6 +21,8 @@ figure{margin:0}
 img,svg{max-width:100%;height:auto;border-radius:4px}
 figcaption{font-size:.85rem;opacity:.8}
 .note{opacity:.8}
+pre{overflow-x:auto;font-size:.85rem;padding:.5rem;background:#8881}
+.wide{overflow-x:auto}
 ";
 
 impl Page {
@@ -45,9 +47,16 @@ impl Page {
         writeln!(self.body, "<p class=\"note\">{}</p>", escape(text)).expect("writing to a string");
     }
 
+    /// Text as it is, under a summary that unfolds.
+    pub fn details(&mut self, summary: &str, text: &str) {
+        let (summary, text) = (escape(summary), escape(text));
+        writeln!(self.body, "<details><summary>{summary}</summary><pre>{text}</pre></details>")
+            .expect("writing to a string");
+    }
+
     /// A table; the first row is the head.
     pub fn table(&mut self, rows: &[Vec<String>]) {
-        self.body.push_str("<table>");
+        self.body.push_str("<div class=\"wide\"><table>");
         for (i, row) in rows.iter().enumerate() {
             let tag = if i == 0 { "th" } else { "td" };
             self.body.push_str("<tr>");
@@ -56,7 +65,7 @@ impl Page {
             }
             self.body.push_str("</tr>\n");
         }
-        self.body.push_str("</table>\n");
+        self.body.push_str("</table></div>\n");
     }
 
     /// Pictures (PNG bytes) with captions, side by side as far as the window allows.

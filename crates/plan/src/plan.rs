@@ -22,8 +22,10 @@ pub struct Plan {
     pub decisions: Vec<Decision>,
     /// What to run, in this order. Every pass is read by a later one, or is what the frame is drawn for.
     pub passes: Vec<Pass>,
-    /// Work of all decisions, before hidden objects are left out.
+    /// Work of the image, before hidden objects are left out.
     pub work: Work,
+    /// Work of shadow maps, samples taken from them included.
+    pub shadow_work: Work,
     /// What it takes, by the cost model: the sum over the decisions, less what hidden objects save.
     pub cost: Millis,
     /// Largest error in tolerances; above one where time is short or nothing finer can be had.
@@ -56,12 +58,13 @@ impl Plan {
         self.decisions.clear();
         self.passes.clear();
         self.rejected.clear();
-        (self.work, self.cost) = (Work::default(), Millis::ZERO);
+        (self.work, self.shadow_work, self.cost) = (Work::default(), Work::default(), Millis::ZERO);
         (self.strain, self.allowed) = (0.0, 1.0);
     }
 
     fn push(&mut self, effect: Effect, chosen: &Candidate, because: Reason, first_rejected: usize) {
-        self.work += chosen.work;
+        let shadow = matches!(effect, Effect::Shadow { .. });
+        *(if shadow { &mut self.shadow_work } else { &mut self.work }) += chosen.work;
         self.cost += chosen.cost;
         self.strain = self.strain.max(chosen.strain);
         self.decisions.push(Decision {
@@ -140,6 +143,11 @@ impl Planner {
         frame.plan(&self.state, &mut self.scratch, &mut self.plan);
         self.state.remember(&self.plan, view, &self.scratch);
         Ok(&self.plan)
+    }
+
+    /// The last plan.
+    pub fn last(&self) -> &Plan {
+        &self.plan
     }
 
     /// What is remembered; tell it what culling saved.

@@ -1,0 +1,159 @@
+//! What each frame needs: numbers of the scene and the view, a plan, and costs learned from frames.
+
+use crate::forms::Forms;
+use farsight_geometry::{Camera, DAabb, Frustum, Scene};
+use farsight_plan::{
+    Budget, Choice, CostModel, LightSummary, LightView, ObjectSummary, ObjectView, Outputs, Plan, PlanError,
+    Planner, SceneSummary, ViewSummary, Work,
+};
+use farsight_timing::{Features, Heuristic, Millis, Model, Refit, RefitOptions, TimingError};
+
+/// Costs learned from frames: of the image term by term, of shadow maps what a texel takes beyond their triangles.
+struct Learned {
+    image: Refit,
+    texel: Millis,
+}
+
+/// Milliseconds that a texel takes until a map was drawn, and the weight of a new measurement.
+const TEXEL: Millis = Millis(5e-6);
+const WEIGHT: f64 = 0.3;
+
+impl CostModel for Learned {
+    fn time(&self, work: &Work) -> Millis {
+        // Samples of maps are taken with the image's pixels.
+        let drawn = Work { texels: 0.0, taps: 0.0, ..*work };
+        self.image.time(&drawn) + self.texel * work.texels
+    }
+}
+
+impl Learned {
+    fn learn_map(&mut self, work: &Work, took: Millis) {
+        let drawn = Work { texels: 0.0, taps: 0.0, ..*work };
+        let each = ((took - self.image.time(&drawn)) * (1.0 / work.texels.max(1.0))).max(Millis::ZERO);
+        self.texel = self.texel * (1.0 - WEIGHT) + each * WEIGHT;
+    }
+}
+
+/// Plans frames of a scene and learns what they take.
+pub struct Planning<'a> {
+    objects: Vec<ObjectSummary<'a>>,
+    /// By how much each object's placement stretches its mesh at most.
+    stretch: Vec<f64>,
+    seen: Vec<ObjectView>,
+    lights: Vec<LightSummary>,
+    planner: Planner,
+    budget: Budget,
+    costs: Learned,
+}
+
+impl<'a> Planning<'a> {
+    /// For a scene with a sun or without, in images of so many samples.
+    pub fn new(
+        scene: &Scene,
+        forms: &'a Forms,
+        most_side: Option<u32>,
+        samples: u32,
+        budget: Budget,
+    ) -> Result<Self, TimingError> {
+        let object = |instance: &farsight_geometry::scene::Instance| {
+            let mesh = scene.mesh_of(instance);
+            ObjectSummary {
+                draws: 1.0,
+                vertices: mesh.positions().len() as f64,
+                triangles: mesh.triangles().len() as f64,
+                details: forms.details(instance.mesh.0),
+                impostor: false,
+            }
+        };
+        let stretch = |instance: &farsight_geometry::scene::Instance| {
+            // The Frobenius norm is never below the largest stretch.
+            let m = instance.world_from_mesh.matrix3;
+            let square = |m: farsight_geometry::glam::DMat3| {
+                m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()
+            };
+            let alike = m.x_axis.length();
+            let rigid =
+                m.transpose() * m * (1.0 / (alike * alike)) - farsight_geometry::glam::DMat3::IDENTITY;
+            if square(rigid) < 1e-18 { alike * (1.0 + 1e-9) } else { square(m).sqrt() }
+        };
+        // Rough costs of software rendering; frames put them right. Nearly every sample is shaded once, whatever is in view.
+        let model = Model { heuristic: Heuristic::Extended, costs: [2e-5, 2e-6, 2e-3, 5e-5] };
+        let constant = Millis(2.2e-4 * f64::from(samples));
+        Ok(Self {
+            objects: scene.instances().iter().map(object).collect(),
+            stretch: scene.instances().iter().map(stretch).collect(),
+            seen: Vec::new(),
+            lights: most_side
+                .map(|most_side| LightSummary { most_side, most_cascades: 1, most_taps: 0 })
+                .into_iter()
+                .collect(),
+            planner: Planner::new(),
+            budget,
+            costs: Learned { image: Refit::new(model, constant, RefitOptions::default())?, texel: TEXEL },
+        })
+    }
+
+    /// Plans what `camera` sees of objects within `bounds`; `light` is what is known of the sun. Every pixel has `samples` samples.
+    pub fn plan(
+        &mut self,
+        camera: &Camera,
+        bounds: &[DAabb],
+        light: Option<LightView>,
+        samples: f64,
+    ) -> Result<&Plan, PlanError> {
+        let frustum = Frustum::from_camera(camera);
+        self.seen.clear();
+        self.seen.extend(bounds.iter().zip(&self.stretch).map(|(b, stretch)| {
+            let mut seen = ObjectView::of_box(camera, &frustum, b);
+            seen.px_per_unit *= stretch;
+            seen.pixels *= samples;
+            seen
+        }));
+        let scene = SceneSummary { objects: &self.objects, lights: &self.lights, clouds: &[] };
+        let lights: &[LightView] = if let Some(light) = &light { std::slice::from_ref(light) } else { &[] };
+        let view = ViewSummary {
+            pixels: f64::from(camera.width()) * f64::from(camera.height()) * samples,
+            outputs: Outputs { colour: true, depth: true },
+            objects: &self.seen,
+            lights,
+            clouds: &[],
+            in_cell: false,
+            jumped: false,
+        };
+        // What a frame takes whatever is in it is not to be had.
+        let constant = self.costs.image.constant();
+        let mut budget = self.budget;
+        budget.limit = budget.limit.map(|l| (l - constant).max(Millis::ZERO));
+        self.planner.plan(&scene, &view, &budget, &self.costs)
+    }
+
+    /// The objects as the last view had them.
+    pub fn seen(&self) -> &[ObjectView] {
+        &self.seen
+    }
+
+    /// What a frame takes besides what its plan says.
+    pub fn constant(&self) -> Millis {
+        self.costs.image.constant()
+    }
+
+    /// Learns what the last frame took: the image, of which `share` was drawn as planned and the rest hidden, and its shadow map.
+    pub fn learn(&mut self, share: f64, image: Millis, map: Option<Millis>) -> Result<(), TimingError> {
+        let plan = self.planner.last();
+        self.costs.image.observe(&Features::from(&(plan.work * share)), image)?;
+        if let Some(took) = map {
+            self.costs.learn_map(&plan.shadow_work, took);
+        }
+        Ok(())
+    }
+
+    /// Tells what looking for hidden objects saved and took.
+    pub fn learn_culling(&mut self, saved: Millis, spent: Millis) {
+        self.planner.state_mut().observe_culling(saved, spent);
+    }
+}
+
+/// The form that a choice draws, as a number of the object's forms; `None` for all of it.
+pub fn form(choice: &Choice) -> Option<u32> {
+    if let Choice::Detail { detail, .. } = choice { Some(*detail) } else { None }
+}

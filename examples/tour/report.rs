@@ -1,0 +1,218 @@
+//! The page about a walk through a scene.
+
+use crate::Shown;
+use crate::forms::Forms;
+use crate::frames::FrameReport;
+use crate::input::Input;
+use crate::page::Page;
+use farsight_plan::{Choice, Class, Decision, Effect};
+use std::error::Error;
+use std::time::Duration;
+
+/// The page of a walk through a scene.
+pub fn page(
+    input: &Input,
+    report: &str,
+    forms: Option<(&Forms, Duration)>,
+    frames: &[Shown],
+) -> Result<String, Box<dyn Error>> {
+    let scene = &input.scene;
+    let mut page = Page::new(&format!("A tour of {}", input.title), report);
+    page.heading("The scene");
+    let size = scene.bounds().extent();
+    page.table(&[
+        ["triangles placed", "triangles stored", "instances", "lights", "size", "memory"]
+            .map(String::from)
+            .to_vec(),
+        vec![
+            scene.placed_triangles().to_string(),
+            scene.stored_triangles().to_string(),
+            scene.instances().len().to_string(),
+            scene.lights().len().to_string(),
+            [size.x, size.y, size.z].map(short).join(" × "),
+            format!("{:.1} MB", scene.bytes() as f64 * 1e-6),
+        ],
+    ]);
+    input.warnings.iter().for_each(|w| page.paragraph(w));
+    page.heading("Frames");
+    let captions = frames.iter().enumerate().map(|(i, shown)| (shown.png.clone(), caption(i, &shown.report)));
+    page.pictures(&captions.collect::<Vec<_>>());
+    page.heading("What each frame took");
+    page.table(&frame_table(frames));
+    let series =
+        |value: fn(&FrameReport) -> f64| frames.iter().map(|f| value(&f.report)).collect::<Vec<f64>>();
+    page.plot(
+        "Time per frame",
+        "processor ms",
+        &[
+            ("foretold", series(|f| f.predicted.0)),
+            ("measured", series(|f| f.time.0)),
+            ("of it the shadow map", series(|f| f.shadow.as_ref().map_or(0.0, |s| s.time.0))),
+            ("of it culling", series(|f| f.culling.0)),
+        ],
+    )?;
+    page.plot(
+        "Objects",
+        "objects",
+        &[("in view", series(|f| f.in_view as f64)), ("drawn", series(|f| f.drawn as f64))],
+    )?;
+    page.paragraph(
+        "How coarse the shadow map is where it is coarsest: pixels on the screen that one texel covers.",
+    );
+    page.plot(
+        "Worst shadow texel",
+        "px",
+        &[
+            ("as drawn", series(|f| f.shadow.as_ref().map_or(0.0, |s| s.view.texel.value))),
+            ("without a warp", series(|f| f.shadow.as_ref().map_or(0.0, |s| s.view.texel_uniform.value))),
+        ],
+    )?;
+    if let Some((forms, building)) = forms {
+        decisions(&mut page, forms, building, frames);
+    }
+    Ok(page.finish())
+}
+
+/// What was decided, why, and what that saved.
+fn decisions(page: &mut Page, forms: &Forms, building: Duration, frames: &[Shown]) {
+    page.heading("What was decided, and what that saved");
+    let (count, triangles) = forms.count();
+    page.paragraph(&format!(
+        "Before the walk: {count} coarser forms of the meshes with {triangles} triangles in {:.2} s, each with a proven error.",
+        building.as_secs_f64()
+    ));
+    page.table(&decision_table(frames));
+    page.paragraph(
+        "Some frames were drawn with everything on as well: all triangles of what is not hidden, and the largest shadow map. \
+         Changed are pixels that differ by more than 4 of 255.",
+    );
+    page.table(&saving_table(frames));
+    let compared = |(i, shown): (usize, &Shown)| {
+        let c = shown.comparison.as_ref()?;
+        let text =
+            format!("Frame {i}: four times the difference; {:.2} % of the pixels changed", 100.0 * c.changed);
+        Some((c.difference.clone(), text))
+    };
+    page.pictures(&frames.iter().enumerate().filter_map(compared).collect::<Vec<_>>());
+    for (i, plan) in frames.iter().enumerate().filter_map(|(i, f)| Some((i, f.report.plan.as_ref()?))) {
+        page.details(&format!("The plan of frame {i}, with its reasons"), &plan.to_string());
+    }
+}
+
+/// Objects by what was decided, and the shadow, frame by frame.
+fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
+    let head = ["frame", "out of view", "too small", "coarser", "in full", "hidden", "occlusion", "shadow"];
+    let mut rows = vec![head.map(String::from).to_vec()];
+    for (i, plan) in frames.iter().enumerate().filter_map(|(i, f)| Some((i, f.report.plan.as_ref()?))) {
+        let count = |is: fn(&Decision) -> bool| plan.objects().iter().filter(|d| is(d)).count();
+        let chosen = |effect| match plan.decision(effect) {
+            Some(d) => format!("{} ({})", d.choice, d.because.class),
+            None => "-".into(),
+        };
+        let (coarser, full) =
+            (count(|d| matches!(d.choice, Choice::Detail { .. })), count(|d| d.choice == Choice::Full));
+        let cells = [
+            i.to_string(),
+            count(|d| d.because.class == Class::Void).to_string(),
+            count(|d| d.choice == Choice::Nothing && d.because.class != Class::Void).to_string(),
+            coarser.to_string(),
+            full.to_string(),
+            (coarser + full).saturating_sub(frames[i].report.drawn).to_string(),
+            chosen(Effect::Occlusion),
+            chosen(Effect::Shadow { light: 0 }),
+        ];
+        rows.push(cells.to_vec());
+    }
+    rows
+}
+
+/// Planned frames beside the same with everything on.
+fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
+    let head = [
+        "frame",
+        "triangles",
+        "everything",
+        "map side",
+        "everything",
+        "ms",
+        "everything",
+        "saved",
+        "changed",
+        "rmse",
+    ];
+    let mut rows = vec![head.map(String::from).to_vec()];
+    for (i, shown) in frames.iter().enumerate() {
+        let Some(c) = &shown.comparison else { continue };
+        let (planned, full) = (&shown.report, &c.full);
+        let side = |f: &FrameReport| f.shadow.as_ref().map_or("-".into(), |s| s.view.side.to_string());
+        let cells = [
+            i.to_string(),
+            planned.counters.triangles.to_string(),
+            full.counters.triangles.to_string(),
+            side(planned),
+            side(full),
+            format!("{:.0}", planned.time.0),
+            format!("{:.0}", full.time.0),
+            format!("{:.0} %", 100.0 * (1.0 - planned.time / full.time)),
+            format!("{:.2} %", 100.0 * c.changed),
+            format!("{:.2}", c.rmse),
+        ];
+        rows.push(cells.to_vec());
+    }
+    rows
+}
+
+/// A length with four digits that mean something.
+fn short(x: f64) -> String {
+    let decimals = (3.0 - x.abs().max(1e-9).log10().floor()).clamp(0.0, 12.0) as usize;
+    format!("{x:.decimals$}")
+}
+
+fn caption(i: usize, frame: &FrameReport) -> String {
+    let shadow = match &frame.shadow {
+        None => "no shadow map".into(),
+        Some(s) => {
+            let (side, texel) = (s.view.side, s.view.texel.value);
+            format!("shadow map of {side}², texel at most {texel:.1} px, warp gains {:.1}×", s.view.gain())
+        }
+    };
+    format!("Frame {i}: {} objects in view, {} drawn; {shadow}", frame.in_view, frame.drawn)
+}
+
+/// Frame by frame, the head first.
+pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
+    let head = [
+        "frame",
+        "in view",
+        "drawn",
+        "triangles",
+        "casters",
+        "map side",
+        "texel px",
+        "foretold",
+        "ms",
+        "everything",
+    ];
+    let mut rows = vec![head.map(String::from).to_vec()];
+    for (i, Shown { report: f, comparison, .. }) in frames.iter().enumerate() {
+        let (casters, side, texel) = match &f.shadow {
+            Some(s) => {
+                (s.casters_drawn.to_string(), s.view.side.to_string(), format!("{:.2}", s.view.texel.value))
+            }
+            None => ("-".into(), "-".into(), "-".into()),
+        };
+        rows.push(vec![
+            i.to_string(),
+            f.in_view.to_string(),
+            f.drawn.to_string(),
+            f.counters.triangles.to_string(),
+            casters,
+            side,
+            texel,
+            format!("{:.0}", f.predicted.0),
+            format!("{:.0}", f.time.0),
+            comparison.as_ref().map_or("-".into(), |c| format!("{:.0}", c.full.time.0)),
+        ]);
+    }
+    rows
+}
