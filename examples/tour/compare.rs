@@ -1,4 +1,4 @@
-//! A planned frame beside the same with everything on.
+//! A planned frame beside the same without a plan.
 
 use crate::frames::FrameReport;
 use farsight_raster::{Image, RasterError, Target};
@@ -14,7 +14,7 @@ pub struct Comparison {
     pub changed: f64,
     /// Root of the mean squared difference of a channel, in steps of 255.
     pub rmse: f64,
-    /// The frame with everything on.
+    /// The frame without a plan.
     pub full: FrameReport,
     /// Four times the difference, as PNG.
     pub difference: Vec<u8>,

@@ -61,7 +61,7 @@ struct Options {
     /// Processor time in milliseconds that a frame may take; without, as long as the tolerances ask for.
     #[arg(long, value_parser = positive)]
     limit: Option<f64>,
-    /// Runs everything, wanted or not: full detail, culling, the largest shadow map.
+    /// Runs everything, wanted or not: all objects in view in full, the largest shadow map.
     #[arg(long)]
     no_plan: bool,
     /// The axis of loaded files that points away from the ground; without, y for scenes and z for point clouds.
@@ -92,7 +92,7 @@ fn positive(text: &str) -> Result<f64, String> {
 struct Shown {
     png: Vec<u8>,
     report: FrameReport,
-    /// What it would have been with everything on, for some of the frames.
+    /// What it would have been without a plan, for some of the frames.
     comparison: Option<Comparison>,
 }
 

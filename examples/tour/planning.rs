@@ -79,6 +79,9 @@ impl<'a> Planning<'a> {
         // Rough costs of software rendering; frames put them right. Nearly every sample is shaded once, whatever is in view.
         let model = Model { heuristic: Heuristic::Extended, costs: [2e-5, 2e-6, 2e-3, 5e-5] };
         let constant = Millis(2.2e-4 * f64::from(samples));
+        let mut refit = RefitOptions::default();
+        // Along a walk all frames are alike; what they do not tell stays as it was.
+        refit.trust = 30.0;
         Ok(Self {
             objects: scene.instances().iter().map(object).collect(),
             stretch: scene.instances().iter().map(stretch).collect(),
@@ -89,7 +92,7 @@ impl<'a> Planning<'a> {
                 .collect(),
             planner: Planner::new(),
             budget,
-            costs: Learned { image: Refit::new(model, constant, RefitOptions::default())?, texel: TEXEL },
+            costs: Learned { image: Refit::new(model, constant, refit)?, texel: TEXEL },
         })
     }
 

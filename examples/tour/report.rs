@@ -83,7 +83,7 @@ fn decisions(page: &mut Page, forms: &Forms, building: Duration, frames: &[Shown
     ));
     page.table(&decision_table(frames));
     page.paragraph(
-        "Some frames were drawn with everything on as well: all triangles of what is not hidden, and the largest shadow map. \
+        "Some frames were drawn without a plan as well: all triangles of all objects in view, and the largest shadow map. \
          Changed are pixels that differ by more than 4 of 255.",
     );
     page.table(&saving_table(frames));
