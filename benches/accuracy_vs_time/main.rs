@@ -12,6 +12,7 @@ mod geometry;
 mod hlod;
 mod lod;
 mod occlusion;
+mod plan;
 mod plot;
 mod points;
 mod row;
@@ -65,6 +66,11 @@ const SWEEPS: &[Sweep] = &[
         name: "occlusion",
         caption: "Occlusion culling: lost pixels against frame time",
         rows: occlusion::rows,
+    },
+    Sweep {
+        name: "plan",
+        caption: "Plans: tolerance and time limit against the time of drawing",
+        rows: plan::rows,
     },
     Sweep {
         name: "points",

@@ -6,8 +6,8 @@ use farsight_lod::{Cut, LodError, Observer, Tolerance, VertexHierarchy};
 use farsight_plan::{Detail, Form, Kind};
 use rayon::prelude::*;
 
-/// Meshes with fewer triangles are drawn as they are.
-const LEAST_TRIANGLES: usize = 200;
+/// Meshes with fewer triangles are not worth coarser forms.
+pub const LEAST_TRIANGLES: usize = 200;
 /// Error of the finest form, as a share of the mesh's radius, and how it grows from form to form.
 const FINEST: f64 = 1.0 / 1024.0;
 const STEP: f64 = 2.0;
@@ -26,15 +26,12 @@ struct MeshForms {
 }
 
 impl Forms {
-    /// Makes the forms of every mesh that has triangles to spare.
-    pub fn build(scene: &Scene) -> Result<Self, LodError> {
-        let meshes = scene.meshes().par_iter().map(MeshForms::build).collect::<Result<_, _>>()?;
+    /// Makes the forms of every mesh of so many triangles or more; the others are always drawn as they are.
+    pub fn build(scene: &Scene, least_triangles: usize) -> Result<Self, LodError> {
+        let large = |mesh: &TriangleMesh| mesh.triangles().len() >= least_triangles;
+        let forms = |mesh| if large(mesh) { MeshForms::build(mesh) } else { Ok(MeshForms::default()) };
+        let meshes = scene.meshes().par_iter().map(forms).collect::<Result<_, _>>()?;
         Ok(Self { meshes })
-    }
-
-    /// No coarser forms.
-    pub fn none(scene: &Scene) -> Self {
-        Self { meshes: scene.meshes().iter().map(|_| MeshForms::default()).collect() }
     }
 
     /// What the planner is told of a mesh's forms; errors in the mesh's own units.
@@ -56,9 +53,6 @@ impl Forms {
 
 impl MeshForms {
     fn build(mesh: &TriangleMesh) -> Result<Self, LodError> {
-        if mesh.triangles().len() < LEAST_TRIANGLES {
-            return Ok(Self::default());
-        }
         let hierarchy = match VertexHierarchy::build(mesh) {
             Err(LodError::NoTriangle) => return Ok(Self::default()),
             other => other?,

@@ -126,11 +126,13 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
     }
 
     let start = Instant::now();
-    let forms = if options.no_plan { None } else { Some(Forms::build(&input.scene)?) };
+    let least = if options.no_plan { usize::MAX } else { forms::LEAST_TRIANGLES };
+    let forms = Forms::build(&input.scene, least)?;
     let building = start.elapsed();
-    let frames = walk_through(options, &input, forms.as_ref())?;
+    let frames = walk_through(options, &input, &forms)?;
 
-    let page = report::page(&input, &report.to_string(), forms.as_ref().map(|f| (f, building)), &frames)?;
+    let page =
+        report::page(&input, &report.to_string(), (!options.no_plan).then_some((&forms, building)), &frames)?;
     let index = folder.join("index.html");
     std::fs::write(&index, page).map_err(|e| format!("cannot write {}: {e}", index.display()))?;
     for row in report::frame_table(&frames) {
@@ -141,11 +143,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
 }
 
 /// Draws all frames and writes them as they come.
-fn walk_through(
-    options: &Options,
-    input: &Input,
-    forms: Option<&Forms>,
-) -> Result<Vec<Shown>, Box<dyn Error>> {
+fn walk_through(options: &Options, input: &Input, forms: &Forms) -> Result<Vec<Shown>, Box<dyn Error>> {
     let (count, [width, height]) = (options.count(), options.size());
     let map_side = if options.quick { 1024 } else { 4096 };
     let mut look = RenderOptions::default();
@@ -157,12 +155,10 @@ fn walk_through(
     }
     look.supersampling = if options.quick { 1 } else { 2 };
     let bounds = input.scene.instance_bounds();
-    let none = Forms::none(&input.scene);
     let tolerances = Tolerances::default().with_position_px(options.tolerance);
     let budget = options
         .limit
         .map_or(Budget::unlimited(tolerances), |limit| Budget::within(Millis(limit), tolerances));
-    let forms = forms.unwrap_or(&none);
     let mut renderer = Renderer::new(&input.scene, forms, &bounds, [width, height], look, map_side, budget)?;
     let bar = ProgressBar::new(count as u64)
         .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);

@@ -34,7 +34,7 @@ pub enum Effect {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Choice {
-    /// Not done at all.
+    /// Not done at all. Many small objects side by side add up to more than the error of each: hand them over as one.
     Nothing,
     /// The shadow map of an earlier frame.
     Reuse,
@@ -126,7 +126,7 @@ pub enum Rule {
     Tolerance,
     /// Costs against costs of what was chosen, in milliseconds.
     Dearer,
-    /// The object covers so little that a pixel shows less than the tolerance for edges.
+    /// What is missed of the object where it is left out, in tolerances: of one smaller than a pixel the area, of others all of the size.
     TooSmall,
     /// Pixels to shade against pixels of the image: nothing hides anything.
     NothingHidden,
@@ -273,7 +273,7 @@ impl fmt::Display for Reason {
             Rule::TooDim => write!(f, "adds {value} of the display's range, {limit} go unseen"),
             Rule::Tolerance => write!(f, "error of {value} tolerances, {limit} allowed"),
             Rule::Dearer => write!(f, "{value} ms against {limit} ms"),
-            Rule::TooSmall => write!(f, "changes a pixel by {value} of its range, {limit} allowed"),
+            Rule::TooSmall => write!(f, "leaving it out is an error of {value} tolerances, {limit} allowed"),
             Rule::NothingHidden => write!(f, "{value} pixels to shade in an image of {limit}"),
             Rule::FewObjects => write!(f, "{value} objects in view, worth asking from {limit}"),
             Rule::Saves => write!(f, "saves {value} ms for {limit} ms"),

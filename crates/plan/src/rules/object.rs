@@ -96,10 +96,7 @@ impl Seen<'_> {
                 Some(next) => Reason::new(Class::Kept, Rule::Tolerance, self.strain(next), allowed),
                 None => Reason::new(Class::Kept, Rule::OnlyOne, 0.0, 0.0),
             },
-            Choice::Nothing => {
-                let shade = self.tolerances.edge_shade;
-                Reason::new(class, Rule::TooSmall, chosen.error.value, shade * allowed)
-            }
+            Choice::Nothing => Reason::new(class, Rule::TooSmall, chosen.strain, allowed),
             _ => Reason::new(class, Rule::Tolerance, chosen.strain, allowed),
         }
     }
@@ -126,8 +123,7 @@ impl Seen<'_> {
             let because = Reason::new(Class::Kept, Rule::Tolerance, self.strain(detail), allowed);
             out.push(Rejected { choice: Choice::Detail { detail: next as u32, form: detail.form }, because });
         } else if chosen.choice != Choice::Nothing {
-            let (shade, allowed) = (self.vanishing_shade(), self.tolerances.edge_shade * allowed);
-            let because = Reason::new(Class::Kept, Rule::TooSmall, shade, allowed);
+            let because = Reason::new(Class::Kept, Rule::TooSmall, self.vanishing(), allowed);
             out.push(Rejected { choice: Choice::Nothing, because });
         }
     }
@@ -238,22 +234,25 @@ impl Seen<'_> {
     }
 
     fn nothing(&self) -> Candidate {
+        let size = self.view.size_px;
+        let error = if size <= 1.0 {
+            ErrorBound::proven(size * size, Unit::Fraction)
+        } else {
+            ErrorBound::proven(size, Unit::Pixels)
+        };
         Candidate {
             choice: Choice::Nothing,
             strain: self.vanishing(),
-            error: ErrorBound::proven(self.vanishing_shade(), Unit::Fraction),
+            error,
             work: Work::default(),
             cost: Millis::ZERO,
         }
     }
 
-    /// What is missed of a pixel when the object is left out, in tolerances.
+    /// What is missed when the object is left out, in tolerances: of a pixel its area as a share of the range; of a larger object all of its size.
     fn vanishing(&self) -> f64 {
-        strain(self.vanishing_shade(), self.tolerances.edge_shade)
-    }
-
-    /// What is missed of a pixel, as a share of its range: the area of the object on the screen.
-    fn vanishing_shade(&self) -> f64 {
-        (self.view.size_px * self.view.size_px).min(1.0)
+        let size = self.view.size_px;
+        let shade = strain((size * size).min(1.0), self.tolerances.edge_shade);
+        if size <= 1.0 { shade } else { shade.max(strain(size, self.tolerances.position_px)) }
     }
 }
