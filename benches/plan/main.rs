@@ -1,6 +1,8 @@
-//! What planning costs. Every figure is printed beside the floor it is held to.
+//! What planning costs, and how well planned frames take what was predicted. Every figure is printed beside the floor it is held to.
 //!
-//! `cargo bench --bench plan`
+//! `cargo bench --all-features --bench plan`
+
+mod predict;
 
 use farsight_plan::*;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
@@ -15,6 +17,12 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 const DETAILS: i32 = 6;
 
 fn main() {
+    speed();
+    predict::report();
+}
+
+/// Time and allocations of a plan.
+fn speed() {
     let details = details();
     println!("{:>8} {:>34} {:>11} {:>9} {:>12}", "objects", "case", "us a plan", "floor", "allocations");
     for count in [100, 1000, 10_000] {
