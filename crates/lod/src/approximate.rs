@@ -455,7 +455,8 @@ impl Now<'_> {
             return Ok(Approximation::Geometry { triangles: triangles.to_vec(), eye: self.eye, share });
         }
         let stretch = self.placement.stretch();
-        let position = |v: &u32| *stretch * subject.mesh.positions()[*v as usize].as_dvec3();
+        let place = |v: &u32| subject.hierarchy.place_of(*v) as usize;
+        let position = |v: &u32| *stretch * subject.mesh.positions()[place(v)].as_dvec3();
         let points: Vec<DVec3> = triangles.as_flattened().iter().map(position).collect();
         let view = self.view(&points)?;
         let object = subject.object;

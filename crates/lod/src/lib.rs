@@ -19,8 +19,10 @@ mod approximate;
 mod approximation;
 mod build;
 mod cache;
+mod charts;
 mod cut;
 mod decide;
+mod dynamic;
 mod hierarchy;
 mod impostor;
 mod kinetic;
@@ -35,8 +37,10 @@ pub use angle::{corner_angle, view_angle};
 pub use approximate::{ApproximationError, Approximations, Engine, Shown, Subject, Work};
 pub use approximation::{Approximation, ApproximationOptions, ParallaxTest};
 pub use cache::{Cache, CacheStats, Inserted, Key, LightKey};
+pub use charts::SeamVertex;
 pub use cut::{Cut, UpdateStats};
 pub use decide::{Choice, Costs, Decision, DecisionOptions, Forecast, Kind, Reason, decide, frames_until};
+pub use dynamic::{Editable, Switch, Version};
 pub use farsight_geometry;
 pub use glam;
 pub use hierarchy::VertexHierarchy;
@@ -58,6 +62,15 @@ pub enum LodError {
         /// What was asked for.
         tolerance: Tolerance,
     },
+    /// Texture coordinates were asked for, and the mesh has none.
+    #[error("the mesh has no texture coordinates")]
+    NoUvs,
+    /// An attribute mixed for a seam vertex is out of range.
+    #[error("attributes mixed at a seam are out of range")]
+    Attributes,
+    /// The thread that built a hierarchy came to an unexpected end.
+    #[error("the thread that built the hierarchy has panicked")]
+    Thread,
     /// A parallel camera's pixels have no tolerance that grows with distance.
     #[error("a tolerance in pixels that grows with distance needs a perspective camera")]
     Parallel,
