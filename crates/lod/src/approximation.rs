@@ -11,7 +11,7 @@ use glam::DVec3;
 pub enum ParallaxTest {
     /// When points may be seen this many pixels from where they are: proven.
     Pixels(f64),
-    /// When a corner of the object's box sees both eyes under this angle, in radians: the paper's test. Bounds nothing (see [`corner_angle`]).
+    /// When a corner of the object's box sees both eyes under this angle, in radians: the paper's test. Bounds nothing (see [`corner_angle`](crate::corner_angle)).
     Corners(f64),
 }
 
@@ -63,7 +63,7 @@ impl Default for ApproximationOptions {
 pub enum Approximation<I> {
     /// Triangles of the mesh's vertices.
     Geometry {
-        /// Corners. None when the whole object is within the tolerance of one vertex ([`Cut::point`]).
+        /// Corners. None when the whole object is within the tolerance of one vertex ([`Cut::point`](crate::Cut::point)).
         triangles: Vec<[u32; 3]>,
         /// The eye they were made for, in the rigid frame.
         eye: DVec3,
