@@ -64,10 +64,11 @@ pub struct Cut {
 impl Cut {
     /// Everything folded into one point.
     pub fn new(hierarchy: &VertexHierarchy) -> Self {
-        let root = hierarchy.vertices[hierarchy.nodes[0].representative as usize];
+        let mut proxy = vec![NONE; hierarchy.vertices.len()];
+        hierarchy.stand_in(0, &mut proxy);
         Self {
             unfolded: vec![false; hierarchy.nodes.len()],
-            proxy: vec![root; hierarchy.vertices.len()],
+            proxy,
             moved: Vec::new(),
             drawn: Vec::new(),
             indices: Vec::new(),
@@ -162,7 +163,7 @@ impl Cut {
         left
     }
 
-    /// Indices into the mesh's vertices, three a triangle. The order of triangles depends on the past.
+    /// Indices into the mesh's vertices (and, for a [textured](VertexHierarchy::build_textured) hierarchy, those appended to them), three a triangle. The order of triangles depends on the past.
     pub fn indices(&self) -> &[u32] {
         self.indices.as_flattened()
     }
@@ -241,8 +242,7 @@ impl Cut {
         let own = hierarchy.own_vertices(node);
         self.proxy[own.clone()].copy_from_slice(&hierarchy.vertices[own]);
         for child in hierarchy.children(node) {
-            let representative = hierarchy.nodes[child as usize].representative;
-            self.proxy[hierarchy.vertices_of(child)].fill(hierarchy.vertices[representative as usize]);
+            hierarchy.stand_in(child, &mut self.proxy);
         }
         let home = hierarchy.home_triangles(node);
         let most = hierarchy.triangles.len();
@@ -259,8 +259,7 @@ impl Cut {
     /// Folds a node and all below it.
     pub(crate) fn fold(&mut self, hierarchy: &VertexHierarchy, node: u32) {
         self.note_moved(hierarchy, node);
-        let representative = hierarchy.nodes[node as usize].representative;
-        self.proxy[hierarchy.vertices_of(node)].fill(hierarchy.vertices[representative as usize]);
+        hierarchy.stand_in(node, &mut self.proxy);
         let mut next = node;
         while next < hierarchy.nodes[node as usize].end {
             if std::mem::replace(&mut self.unfolded[next as usize], false) {

@@ -2,6 +2,7 @@
 
 use crate::LodError;
 use crate::build;
+use crate::charts::Charts;
 use farsight_geometry::TriangleMesh;
 #[cfg(test)]
 use glam::DVec3;
@@ -59,6 +60,8 @@ pub struct VertexHierarchy {
     around: Vec<u32>,
     first_around: Vec<u32>,
     dropped: usize,
+    /// For meshes with texture coordinates that are to stay usable.
+    pub(crate) charts: Option<Charts>,
 }
 
 impl VertexHierarchy {
@@ -98,7 +101,7 @@ impl VertexHierarchy {
                 next[v as usize] += 1;
             }
         }
-        Self { nodes, vertices, positions, triangles, original, around, first_around, dropped }
+        Self { nodes, vertices, positions, triangles, original, around, first_around, dropped, charts: None }
     }
 
     /// Triangles that a fully unfolded cut draws.
@@ -128,6 +131,7 @@ impl VertexHierarchy {
             + (self.vertices.capacity() + self.original.capacity()) * size_of::<u32>()
             + (self.around.capacity() + self.first_around.capacity()) * size_of::<u32>()
             + self.triangles.capacity() * size_of::<[u32; 3]>()
+            + self.charts.as_ref().map_or(0, Charts::bytes)
     }
 
     /// Position of what stands for a node, relative to the mesh's origin.
@@ -161,6 +165,16 @@ impl VertexHierarchy {
         let all = self.vertices_of(node);
         let below = self.children(node).next();
         all.start..below.map_or(all.end, |n| self.nodes[n as usize].first_vertex as usize)
+    }
+
+    /// Writes, for the vertices of a node (`proxies` are those of all), what stands for them while it is folded.
+    pub(crate) fn stand_in(&self, node: u32, proxies: &mut [u32]) {
+        let range = self.vertices_of(node);
+        let own = &mut proxies[range.clone()];
+        if self.charts.as_ref().is_some_and(|charts| charts.stand_in(node, range.start, own)) {
+            return;
+        }
+        own.fill(self.vertices[self.nodes[node as usize].representative as usize]);
     }
 
     /// The triangles around a vertex.

@@ -14,20 +14,40 @@
 //! The criterion knows the eye's position and not where it looks, so a cut stays right when the camera turns and can serve as a cached
 //! approximation or as the source of an impostor.
 
+mod angle;
+mod approximate;
+mod approximation;
 mod build;
+mod cache;
+mod charts;
 mod cut;
+mod decide;
+mod dynamic;
 mod hierarchy;
+mod impostor;
 mod kinetic;
 mod observer;
+mod placement;
+mod separable;
 #[cfg(test)]
 mod tests;
 mod wheel;
 
+pub use angle::{corner_angle, view_angle};
+pub use approximate::{ApproximationError, Approximations, Engine, Shown, Subject, Work};
+pub use approximation::{Approximation, ApproximationOptions, ParallaxTest};
+pub use cache::{Cache, CacheStats, Inserted, Key, LightKey};
+pub use charts::SeamVertex;
 pub use cut::{Cut, UpdateStats};
+pub use decide::{Choice, Costs, Decision, DecisionOptions, Forecast, Kind, Reason, decide, frames_until};
+pub use dynamic::{Editable, Switch, Version};
 pub use farsight_geometry;
 pub use glam;
 pub use hierarchy::VertexHierarchy;
+pub use impostor::{ImpostorOptions, ImpostorRenderer, ImpostorView};
 pub use observer::{Observer, Tolerance};
+pub use placement::Placement;
+pub use separable::is_separable;
 
 /// Why a hierarchy, an observer or a tolerance was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -42,12 +62,40 @@ pub enum LodError {
         /// What was asked for.
         tolerance: Tolerance,
     },
+    /// Texture coordinates were asked for, and the mesh has none.
+    #[error("the mesh has no texture coordinates")]
+    NoUvs,
+    /// An attribute mixed for a seam vertex is out of range.
+    #[error("attributes mixed at a seam are out of range")]
+    Attributes,
+    /// The thread that built a hierarchy came to an unexpected end.
+    #[error("the thread that built the hierarchy has panicked")]
+    Thread,
     /// A parallel camera's pixels have no tolerance that grows with distance.
     #[error("a tolerance in pixels that grows with distance needs a perspective camera")]
     Parallel,
-    /// The eye or the placement is not finite, or flattens the object.
+    /// The eye or the placement is not finite, or flattens the object; or there is nothing to place.
     #[error("the eye or the object's placement is not finite, or the placement flattens the object")]
     Placement,
+    /// Some of the object is beside or behind the eye, so no picture holds all of it.
+    #[error("the object is too near for an impostor")]
+    TooNear,
+    /// A picture would have a longer side than allowed.
+    #[error("an impostor of {side} texels exceeds the limit of {most}")]
+    Texture {
+        /// Its longer side.
+        side: f64,
+        /// The limit.
+        most: u32,
+    },
+    /// An option is out of its range.
+    #[error("the option {option} cannot be {value}")]
+    Option {
+        /// Its name.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+    },
 }
 
 /// The README's example, so that it stays true.

@@ -45,6 +45,16 @@ impl Tolerance {
         Ok(tolerance)
     }
 
+    /// Pixels by which a camera may see points off that are displaced by no more than `share` of their distance: the inverse of
+    /// [`pixels`](Self::pixels). Infinite for a parallel camera, and where a point may come to the eye.
+    pub fn displacement_px(share: f64, camera: &Camera) -> f64 {
+        let cos = 1.0 / (1.0 + camera.half_extent().length_squared()).sqrt();
+        if !matches!(camera.projection(), Projection::Perspective { .. }) || share >= cos {
+            return f64::INFINITY;
+        }
+        camera.pixels_per_unit() * share / (cos * cos * (1.0 - share / cos))
+    }
+
     pub(crate) fn check(&self) -> Result<(), LodError> {
         let ordered = self.silhouette > 0.0 && self.silhouette <= self.tau && self.tau <= self.back;
         let usable = ordered && self.back.is_finite() && (0.0..1.0).contains(&self.hysteresis);

@@ -1,0 +1,471 @@
+//! The whole loop for one object and frame: what is cached, what must be made, and as what.
+
+use crate::angle::{corner_angle, growth};
+use crate::approximation::{Approximation, ApproximationOptions, ParallaxTest};
+use crate::cache::{Cache, CacheStats, Inserted, Key, LightKey};
+use crate::decide::{Choice, Costs, Decision, Forecast, Kind, Reason, decide, frames_until};
+use crate::{Cut, ImpostorRenderer, ImpostorView, LodError, Placement, Tolerance, VertexHierarchy};
+use farsight_geometry::accuracy::ErrorBound;
+use farsight_geometry::{Camera, DAabb, Frustum, TriangleMesh};
+use glam::{DVec3, Vec3};
+use std::collections::HashMap;
+
+/// One object in one frame.
+#[derive(Debug)]
+pub struct Subject<'a> {
+    /// The object.
+    pub object: u32,
+    /// Version of its geometry.
+    pub version: u32,
+    /// What it is seen by.
+    pub view: u32,
+    /// Light that a picture would have baked in.
+    pub light: LightKey,
+    /// Its mesh.
+    pub mesh: &'a TriangleMesh,
+    /// The mesh's hierarchy.
+    pub hierarchy: &'a VertexHierarchy,
+    /// The object's cut for this view.
+    pub cut: &'a mut Cut,
+    /// Where it is.
+    pub placement: &'a Placement,
+}
+
+/// What would have to be drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Work {
+    /// Triangles of the current approximation.
+    pub triangles: usize,
+    /// Texels of a picture of it, gutter included.
+    pub texels: u64,
+}
+
+/// What the engine is asked for: pictures, what things cost, and what is in the way.
+pub trait Engine: ImpostorRenderer {
+    /// What drawing and making approximations of an object takes, measured or predicted.
+    fn costs(&mut self, object: u32, work: &Work) -> Costs;
+
+    /// Whether only the object itself reaches into the slab: [`is_separable`](crate::is_separable) over the scene's hierarchy. `true` for all where
+    /// pictures have depth.
+    fn is_separable(&mut self, object: u32, slab: &Frustum) -> bool;
+}
+
+/// What to draw, and why.
+#[derive(Debug)]
+pub struct Shown<'a, I> {
+    /// What to draw.
+    pub approximation: &'a Approximation<I>,
+    /// How wrong it is for this eye, texels aside.
+    pub error: ErrorBound,
+    /// Whether it was made in this frame.
+    pub fresh: bool,
+    /// Whether the cache has it; without room it is made anew in every frame.
+    pub cached: bool,
+    /// The decision that this frame made; `None` where what serves was taken as it is.
+    pub decision: Option<Decision>,
+    /// Frames for which it was predicted to serve when it was made, itself included.
+    pub predicted_frames: f64,
+}
+
+/// Why there is nothing to draw.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ApproximationError<E> {
+    /// Placement, camera or options are not usable.
+    #[error(transparent)]
+    Lod(#[from] LodError),
+    /// The engine could not make a picture.
+    #[error("no picture of object {object}")]
+    Renderer {
+        /// The object.
+        object: u32,
+        /// What the engine said.
+        error: E,
+    },
+}
+
+/// What is known of an object in one view from frame to frame.
+#[derive(Clone, Debug, Default)]
+struct Track {
+    /// The last eye and placement.
+    seen: Option<(DVec3, Placement)>,
+    frame: u64,
+    serving: Option<Serving>,
+    /// What it was drawn as last.
+    kind: Option<Kind>,
+    forecasts: [Forecast; 2],
+    /// Version of the geometry, and vertices that stick out of it: what a picture has to hold, nearly.
+    outermost: Option<(u32, Vec<DVec3>)>,
+}
+
+/// What has been drawn since when.
+#[derive(Clone, Copy, Debug)]
+struct Serving {
+    kind: Kind,
+    version: u32,
+    light: LightKey,
+    /// The eye it was made for, which tells it from others.
+    eye: DVec3,
+    since: u64,
+    /// Frames that it would serve, as predicted without correction and with it.
+    raw: f64,
+    corrected: f64,
+}
+
+/// Approximations of many objects: looks for one that serves, makes one where none does, and decides which.
+///
+/// # References
+/// [Hilbert & Brunnett 2004, sections 1.3, 3 and 4].
+#[derive(Clone, Debug)]
+pub struct Approximations<I> {
+    options: ApproximationOptions,
+    cache: Cache<Approximation<I>>,
+    tracks: HashMap<(u32, u32), Track>,
+    /// The eye of each view in the world: in the last frame that had it, and in the one before.
+    eyes: HashMap<u32, [Option<(u64, DVec3)>; 2]>,
+    frame: u64,
+    /// What found no room, until the next is made.
+    uncached: Option<Approximation<I>>,
+}
+
+impl<I> Approximations<I> {
+    /// None yet; the cache may take so many bytes.
+    ///
+    /// # Errors
+    /// [`LodError::Option`] for options out of range.
+    pub fn new(budget: u64, options: ApproximationOptions) -> Result<Self, LodError> {
+        options.check()?;
+        Ok(Self {
+            options,
+            cache: Cache::new(budget),
+            tracks: HashMap::new(),
+            eyes: HashMap::new(),
+            frame: 0,
+            uncached: None,
+        })
+    }
+
+    /// A new frame begins. Objects not asked for in a frame are taken to stand still.
+    pub fn next_frame(&mut self) {
+        self.frame += 1;
+        self.cache.next_frame();
+    }
+
+    /// What the cache did.
+    pub fn cache_stats(&self) -> &CacheStats {
+        self.cache.stats()
+    }
+
+    /// How predicted numbers of frames have been corrected for an object in a view: triangles, pictures.
+    pub fn forecasts(&self, object: u32, view: u32) -> [Forecast; 2] {
+        self.tracks.get(&(object, view)).map_or([Forecast::default(); 2], |t| t.forecasts)
+    }
+
+    /// Drops everything of an object: it has left, or its geometry is no longer what it was.
+    pub fn remove_object(&mut self, object: u32) -> usize {
+        self.tracks.retain(|(o, _), _| *o != object);
+        self.cache.remove_object(object)
+    }
+
+    /// Drops the approximations of all versions of an object's geometry but one.
+    pub fn keep_version(&mut self, object: u32, version: u32) -> usize {
+        self.cache.remove_where(|key| key.object == object && key.version != version)
+    }
+
+    /// What to draw for an object in this frame: the cached approximation with the smallest error if one serves, else a new one.
+    ///
+    /// An object seen for the first time is taken to stand still in the world; in the first frame of a view, when nothing is known of the eye's motion either, it gets
+    /// triangles.
+    ///
+    /// # Cost
+    /// About a microsecond where something serves; else that of the cut's update, plus the engine's.
+    ///
+    /// # Errors
+    /// [`ApproximationError::Lod`] for a parallel camera or a placement that is not finite, [`ApproximationError::Renderer`] when the engine fails.
+    ///
+    /// # Panics
+    /// When cut or mesh are not of the hierarchy.
+    pub fn approximate<E: Engine<Image = I>>(
+        &mut self,
+        subject: &mut Subject,
+        camera: &Camera,
+        engine: &mut E,
+    ) -> Result<Shown<'_, I>, ApproximationError<E::Error>> {
+        let placement = *subject.placement;
+        let eye = placement.to_rigid(camera.eye());
+        let bounds = placement.bounds(&subject.mesh.bounds());
+        let now = Now { options: &self.options, bounds, placement, camera, eye };
+        let key = |light| Key { object: subject.object, version: subject.version, view: subject.view, light };
+        let keys = [key(LightKey::NONE), key(subject.light)];
+        // Without a baked light both keys are one.
+        let keys = &keys[..1 + usize::from(keys[0] != keys[1])];
+        let track = self.tracks.entry((subject.object, subject.view)).or_default();
+        let eyes = self.eyes.entry(subject.view).or_default();
+        if eyes[0].is_none_or(|(frame, _)| frame != self.frame) {
+            *eyes = [Some((self.frame, camera.eye())), eyes[0]];
+        }
+        let step = track.advance(self.frame, eye, &placement).or_else(|| {
+            // An object seen for the first time is taken to stand still in the world.
+            let [Some((now, to)), Some((then, from))] = *eyes else { return None };
+            Some(placement.direction_to_rigid(to - from) / (now - then) as f64)
+        });
+
+        // What was decided for stays; of its kind that with the smallest error.
+        let other = |a: &Approximation<I>| track.kind.is_some_and(|kind| kind != a.kind());
+        let found = self.cache.find(keys, |_, a| now.serves(a, eye).then(|| (other(a), now.ranking(a))));
+        let found = found.map(|(id, _)| id);
+        let serving = found.and_then(|id| self.cache.value(id));
+        track.note(serving, subject, self.frame);
+        let reconsidered = match serving {
+            Some(Approximation::Geometry { triangles, .. })
+                if track.is_due(self.frame, self.options.reconsider) =>
+            {
+                Some(triangles.len())
+            }
+            _ => None,
+        };
+        if let (Some(id), None) = (found, reconsidered) {
+            return Ok(shown(&self.cache, id, track, &now, None));
+        }
+
+        let tolerance = Tolerance::pixels(self.options.tolerance_px, camera)?;
+        let observer = placement.observer(camera.eye())?;
+        if reconsidered.is_none() {
+            subject.cut.update_kinetic(subject.hierarchy, &observer, &tolerance)?;
+        }
+        let triangles = reconsidered.unwrap_or(subject.cut.triangles().len());
+        track.measure(subject);
+        let (decision, raw) = now.decision(subject.object, triangles, track, step, engine)?;
+        if let (Some(id), Kind::Geometry) = (found, decision.kind) {
+            return Ok(shown(&self.cache, id, track, &now, Some(decision)));
+        }
+        if reconsidered.is_some() {
+            subject.cut.update_kinetic(subject.hierarchy, &observer, &tolerance)?;
+        }
+        let made = now.make(subject, decision.kind, tolerance.tau, engine)?;
+        let kind = made.kind();
+        let index = usize::from(kind == Kind::Impostor);
+        track.kind = Some(kind);
+        track.serving = Some(Serving {
+            kind,
+            version: subject.version,
+            light: subject.light,
+            eye,
+            since: self.frame,
+            raw: raw[index],
+            corrected: track.forecasts[index].corrected(raw[index]),
+        });
+        let predicted_frames = track.predicted();
+        let (light, bytes) = match &made {
+            Approximation::Geometry { triangles, .. } => {
+                (LightKey::NONE, (triangles.len() * size_of::<[u32; 3]>()) as u64)
+            }
+            Approximation::Impostor { view, .. } => (subject.light, view.bytes()),
+        };
+        let bytes = bytes + size_of::<Approximation<I>>() as u64;
+        let cached = match self.cache.insert(key(light), made, bytes) {
+            Inserted::Cached => {
+                self.uncached = None;
+                true
+            }
+            Inserted::Uncached(made) => {
+                self.uncached = Some(made);
+                false
+            }
+        };
+        let approximation =
+            self.uncached.as_ref().or(self.cache.newest()).expect("one of them has just got it");
+        let error = approximation.error_px(&bounds, &placement, camera);
+        Ok(Shown { approximation, error, fresh: true, cached, decision: Some(decision), predicted_frames })
+    }
+}
+
+fn shown<'a, I>(
+    cache: &'a Cache<Approximation<I>>,
+    id: u32,
+    track: &Track,
+    now: &Now,
+    decision: Option<Decision>,
+) -> Shown<'a, I> {
+    let approximation = cache.value(id).expect("it has just been found");
+    let error = approximation.error_px(&now.bounds, &now.placement, now.camera);
+    Shown { approximation, error, fresh: false, cached: true, decision, predicted_frames: track.predicted() }
+}
+
+impl Track {
+    /// Notes where the eye is; returns by how much it moved in this frame, in the rigid frame, if that is known.
+    fn advance(&mut self, frame: u64, eye: DVec3, placement: &Placement) -> Option<DVec3> {
+        let before = self.seen.replace((eye, *placement));
+        let frames = frame.wrapping_sub(std::mem::replace(&mut self.frame, frame));
+        before.filter(|b| b.1.is_stretched_like(placement)).map(|b| (eye - b.0) / frames.max(1) as f64)
+    }
+
+    /// Compares what serves now with what served so far, and learns from its end.
+    fn note<I>(&mut self, found: Option<&Approximation<I>>, subject: &Subject, frame: u64) {
+        if let Some(found) = found {
+            self.kind = Some(found.kind());
+        }
+        let Some(serving) = self.serving else { return };
+        let same = serving.version == subject.version && serving.light == subject.light;
+        let still = found.is_some_and(|a| same && a.kind() == serving.kind && a.eye() == serving.eye);
+        if !still {
+            let expired = same && found.is_none();
+            let achieved = frame.saturating_sub(serving.since) as f64;
+            self.forecasts[usize::from(serving.kind == Kind::Impostor)].observe(
+                serving.raw,
+                achieved,
+                expired,
+            );
+            self.serving = None;
+        }
+    }
+
+    /// Whether a picture is to be considered in this frame though triangles serve: in the frame after they were made, then every so often.
+    fn is_due(&self, frame: u64, every: u32) -> bool {
+        let age = self.serving.map_or(1, |s| frame.saturating_sub(s.since));
+        age == 1 || age.is_multiple_of(u64::from(every.max(1)))
+    }
+
+    /// Looks for the vertices farthest in 26 directions, once for each version of the geometry.
+    fn measure(&mut self, subject: &Subject) {
+        if self.outermost.as_ref().is_some_and(|(version, _)| *version == subject.version) {
+            return;
+        }
+        let positions = subject.mesh.positions();
+        let used = || subject.mesh.triangles().as_flattened().iter().map(|&v| positions[v as usize]);
+        let directions = (0..27).map(|i| Vec3::new((i % 3) as f32, (i / 3 % 3) as f32, (i / 9) as f32) - 1.0);
+        let farthest = |d: Vec3| used().max_by(|a, b| a.dot(d).total_cmp(&b.dot(d)));
+        let outermost = directions.filter_map(farthest).map(|p| p.as_dvec3()).collect();
+        self.outermost = Some((subject.version, outermost));
+    }
+
+    fn predicted(&self) -> f64 {
+        self.serving.map_or(f64::NAN, |s| s.corrected)
+    }
+}
+
+/// An object and a camera in one frame.
+struct Now<'a> {
+    options: &'a ApproximationOptions,
+    bounds: DAabb,
+    placement: Placement,
+    camera: &'a Camera,
+    eye: DVec3,
+}
+
+impl Now<'_> {
+    /// Whether something would serve an eye.
+    fn serves<I>(&self, approximation: &Approximation<I>, eye: DVec3) -> bool {
+        match approximation {
+            Approximation::Geometry { eye: made_for, .. } => self.geometry_serves(*made_for, eye),
+            Approximation::Impostor { view, .. } => self.impostor_serves(view, eye),
+        }
+    }
+
+    fn geometry_serves(&self, made_for: DVec3, eye: DVec3) -> bool {
+        let grown = growth(&self.bounds, made_for, eye);
+        grown <= self.options.growth && grown * self.options.excess >= 1.0
+    }
+
+    fn impostor_serves(&self, view: &ImpostorView, eye: DVec3) -> bool {
+        let o = self.options;
+        let texel = view.texel_px(eye, self.camera) * o.impostor.texels_per_px;
+        if !(texel <= o.magnification && texel * o.minification >= 1.0) {
+            return false;
+        }
+        match o.parallax {
+            ParallaxTest::Corners(limit) => corner_angle(view.bounds(), view.eye(), eye) <= limit,
+            ParallaxTest::Pixels(limit) => {
+                let rounding = self.placement.rounding(self.camera.eye(), view.bounds());
+                let sine = view.parallax_sine(eye, rounding);
+                sine.is_finite() && view.turned_px(sine, &self.placement, self.camera) <= limit
+            }
+        }
+    }
+
+    /// What entries that serve are compared by: their error, and half a texel for a picture.
+    fn ranking<I>(&self, approximation: &Approximation<I>) -> f64 {
+        let texel = match approximation {
+            Approximation::Geometry { .. } => 0.0,
+            Approximation::Impostor { view, .. } => 0.5 * view.texel_px(self.eye, self.camera),
+        };
+        approximation.error_px(&self.bounds, &self.placement, self.camera).value + texel
+    }
+
+    /// Triangles or a picture, and for how many frames each would serve (without correction).
+    fn decision<E: Engine>(
+        &self,
+        object: u32,
+        triangles: usize,
+        track: &Track,
+        step: Option<DVec3>,
+        engine: &mut E,
+    ) -> Result<(Decision, [f64; 2]), LodError> {
+        let horizon = self.options.decision.horizon.max(1);
+        let moved = step.unwrap_or(DVec3::ZERO);
+        let geometry = frames_until(|eye| self.geometry_serves(self.eye, eye), self.eye, moved, horizon);
+        // The picture of what sticks out, which is at hand; that of what is drawn differs little.
+        let outermost = track.outermost.iter().flat_map(|(_, points)| points);
+        let points: Vec<DVec3> = outermost.map(|p| *self.placement.stretch() * *p).collect();
+        let view = self.view(&points);
+        let mut frames = [f64::from(geometry.max(1)), 0.0];
+        let (mut texels, mut ratio, mut separable) = (0, f64::INFINITY, true);
+        if let (Ok(view), true) = (&view, triangles > 0) {
+            let serves = |eye| self.impostor_serves(view, eye);
+            frames[1] = f64::from(frames_until(serves, self.eye, moved, horizon));
+            let [width, height] = view.size();
+            (texels, ratio) = (u64::from(width) * u64::from(height), view.resolution_ratio(self.camera));
+            separable = frames[1] >= 1.0
+                && ratio <= self.options.decision.max_ratio
+                && engine.is_separable(object, &view.slab(&self.placement));
+            // What is too large is refused as such.
+            separable |= ratio > self.options.decision.max_ratio;
+        } else if let Err(LodError::Parallel | LodError::Placement | LodError::Option { .. }) = view {
+            return view.map(|_| unreachable!("the view is an error"));
+        }
+        let corrected = |i: usize| track.forecasts[i].corrected(frames[i]);
+        let choice = Choice {
+            costs: engine.costs(object, &Work { triangles, texels }),
+            separable,
+            ratio,
+            geometry_frames: corrected(0).max(1.0),
+            impostor_frames: if frames[1] >= 1.0 { corrected(1).max(1.0) } else { 0.0 },
+            current: track.kind,
+        };
+        let mut decision = decide(&choice, &self.options.decision);
+        if step.is_none() && decision.kind == Kind::Impostor {
+            (decision.kind, decision.reason) = (Kind::Geometry, Reason::FirstSeen);
+        }
+        Ok((decision, frames))
+    }
+
+    fn view(&self, points: &[DVec3]) -> Result<ImpostorView, LodError> {
+        ImpostorView::new(self.eye, &self.bounds, points, self.camera, &self.options.impostor)
+    }
+
+    fn make<E: Engine>(
+        &self,
+        subject: &Subject,
+        kind: Kind,
+        share: f64,
+        engine: &mut E,
+    ) -> Result<Approximation<E::Image>, ApproximationError<E::Error>> {
+        let triangles = subject.cut.triangles();
+        if kind == Kind::Geometry {
+            return Ok(Approximation::Geometry { triangles: triangles.to_vec(), eye: self.eye, share });
+        }
+        let stretch = self.placement.stretch();
+        let place = |v: &u32| subject.hierarchy.place_of(*v) as usize;
+        let position = |v: &u32| *stretch * subject.mesh.positions()[place(v)].as_dvec3();
+        let points: Vec<DVec3> = triangles.as_flattened().iter().map(position).collect();
+        let view = self.view(&points)?;
+        let object = subject.object;
+        let image = engine
+            .render(object, &view, &self.placement, triangles)
+            .map_err(|error| ApproximationError::Renderer { object, error })?;
+        Ok(Approximation::Impostor { view, image, share, triangles: triangles.len() })
+    }
+}
+
+#[cfg(test)]
+mod tests;
