@@ -13,6 +13,7 @@ use crate::flood::{Flood, steep_reach_sq};
 use crate::frame::Frame;
 use crate::original::{NONE, Original};
 use crate::quadric::Quadric;
+use crate::roles::{Place, Roles};
 use farsight_geometry::accuracy::Counters;
 use glam::DVec3;
 
@@ -53,6 +54,13 @@ struct Pair {
     u: u32,
     v: u32,
     made: [u32; 2],
+}
+
+/// Where a pair may go, the best place first.
+#[derive(Clone, Copy, Debug)]
+struct Places {
+    all: [DVec3; 3],
+    len: usize,
 }
 
 /// Pairs by the size of their cost: half powers of two, first come first served within.
@@ -125,7 +133,7 @@ pub(crate) struct Contractor<'a> {
     original: &'a Original,
     frame: &'a Frame,
     state: CertifiedSurface,
-    locked: &'a [bool],
+    roles: &'a Roles,
     appearance: Option<&'a Appearance<'a>>,
     tolerance_sq: f64,
     flood: Flood,
@@ -160,7 +168,7 @@ impl<'a> Contractor<'a> {
         original: &'a Original,
         frame: &'a Frame,
         state: CertifiedSurface,
-        locked: &'a [bool],
+        roles: &'a Roles,
         appearance: Option<&'a Appearance<'a>>,
         tolerance_sq: f64,
     ) -> Self {
@@ -169,7 +177,7 @@ impl<'a> Contractor<'a> {
             original,
             frame,
             state,
-            locked,
+            roles,
             appearance,
             tolerance_sq,
             flood: Flood::new(original),
@@ -212,7 +220,7 @@ impl<'a> Contractor<'a> {
                 if (pass == 0 || changed > when)
                     && !self.state.surface.is_isolated(u)
                     && !self.state.surface.is_isolated(v)
-                    && let Some((cost, _)) = self.evaluate(u, v)
+                    && let Some((cost, ..)) = self.evaluate(u, v)
                 {
                     let made = [self.made[u as usize], self.made[v as usize]];
                     self.queue.push(cost, Pair { u, v, made });
@@ -245,19 +253,17 @@ impl<'a> Contractor<'a> {
             }
         }
         for v in neighbours {
-            if let Some((cost, _)) = self.evaluate(u, v) {
+            if let Some((cost, ..)) = self.evaluate(u, v) {
                 let made = [self.made[u as usize], self.made[v as usize]];
                 self.queue.push(cost, Pair { u, v, made });
             }
         }
     }
 
-    /// Cost of a contraction by the quadric of the faces around it, and places for it, the best first; `None` when it cannot come out
-    /// well.
-    fn evaluate(&self, u: u32, v: u32) -> Option<(f64, [DVec3; 3])> {
-        if self.locked[u as usize] || self.locked[v as usize] {
-            return None;
-        }
+    /// Cost of a contraction by the quadric of the faces around it, the vertex that stays and the one that goes, and places for it, the
+    /// best first; `None` when it is not allowed or cannot come out well.
+    fn evaluate(&self, u: u32, v: u32) -> Option<(f64, [u32; 2], Places)> {
+        let (u, v, rule) = self.roles.pair(u, v)?;
         let s = &self.state.surface;
         let (a, b) = (s.points[u as usize], s.points[v as usize]);
         let middle = (a + b) * 0.5;
@@ -278,6 +284,16 @@ impl<'a> Contractor<'a> {
             }
         }
         let length_sq = a.distance_squared(b);
+        let extra = LENGTH * length_sq * q.weight;
+        if rule != Place::Anywhere {
+            // A rim has to become what the other side of the wall makes of it: there is no choice, and no cost is too high to try.
+            let mut places = Places { all: [a; 3], len: 1 };
+            if rule == Place::Either {
+                let ends = if q.at(b - middle) < q.at(a - middle) { [b, a] } else { [a, b] };
+                (places.all[0], places.all[1], places.len) = (ends[0], ends[1], 2);
+            }
+            return Some((q.at(places.all[0] - middle) + extra, [u, v], places));
+        }
         let mut pulled = q;
         pulled.pull(DVec3::ZERO, PULL * q.trace());
         let at = pulled.minimum().unwrap_or(DVec3::ZERO);
@@ -291,7 +307,8 @@ impl<'a> Contractor<'a> {
         if value > limit {
             return None;
         }
-        Some((value + LENGTH * length_sq * q.weight, places.map(|(_, p)| self.frame.snap(middle + p))))
+        let all = places.map(|(_, p)| self.frame.snap(middle + p));
+        Some((value + extra, [u, v], Places { all, len: 3 }))
     }
 
     fn try_pair(&mut self, key: usize, pair: Pair, all_places: bool) {
@@ -303,7 +320,7 @@ impl<'a> Contractor<'a> {
             self.failed.push((u, v, self.clock));
             return;
         }
-        let Some((cost, places)) = self.evaluate(u, v) else {
+        let Some((cost, [u, v], places)) = self.evaluate(u, v) else {
             self.failed.push((u, v, self.clock));
             return;
         };
@@ -312,8 +329,8 @@ impl<'a> Contractor<'a> {
             self.queue.push(cost, pair);
             return;
         }
-        let places = if all_places { &places[..] } else { &places[..1] };
-        for &at in places {
+        let count = if all_places { places.len } else { 1 };
+        for &at in &places.all[..count] {
             if self.attempt(u, v, at) {
                 self.push_pairs(u, |_, _| true);
                 return;

@@ -23,11 +23,13 @@
 //! Source: Guthe 2004, section 3. The certificates are new.
 
 mod appearance;
+mod cell;
 mod certify;
 mod claims;
 mod complex;
 mod contract;
 mod cover;
+mod cut;
 mod facet;
 mod fast;
 mod flood;
@@ -35,6 +37,7 @@ mod frame;
 mod original;
 mod polygon;
 mod quadric;
+mod roles;
 mod simplify;
 
 pub use glam;
