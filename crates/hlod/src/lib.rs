@@ -26,6 +26,7 @@ mod appearance;
 mod cell;
 mod certify;
 mod claims;
+mod codec;
 mod complex;
 mod contract;
 mod cover;
