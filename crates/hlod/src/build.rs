@@ -242,6 +242,9 @@ impl Plan {
 /// Steps of the lattice in a node's tolerance: rounding then takes at most an eighth of it.
 const STEPS_IN_TOLERANCE: f64 = 8.0;
 
+/// Steps of the lattice in a side of an average triangle of the input.
+const STEPS_IN_SIDE: f64 = 48.0;
+
 /// Builds the hierarchy of all triangles of some batches and writes it to one file.
 ///
 /// The file appears under its name only when it is complete and on the disk; until then an older one stays. A folder of scratch files lies
@@ -309,11 +312,14 @@ fn plan(spool: &Spool, options: &BuildOptions) -> Plan {
     let cube = Cube::around(&spool.bounds);
     let attributes = if options.appearance { spool.attributes } else { Attributes::default() };
     let inner = (options.resolution * STEPS_IN_TOLERANCE).log2().ceil() as u32;
-    // The largest power of two whose rounding is within the precision.
-    let leaf_most = options.precision.map_or(BITS, |p| {
-        let units = p / cube.unit / 0.87;
-        (units.log2().floor().max(0.0) as u32).min(BITS)
-    });
+    // Neighbouring leaves of different levels should round alike, so that their rims stay equal: by the size of triangles if that is
+    // finer than what the level asks for.
+    let side = (spool.area / spool.triangles.max(1) as f64 * 2.3).sqrt();
+    let finest = options.precision.map_or(side / STEPS_IN_SIDE, |p| p / 0.87);
+    // A power of two: the next one, but never above a precision that was asked for.
+    let power = (finest / cube.unit).log2();
+    let power = if options.precision.is_some() { power.floor() } else { power.round() };
+    let leaf_most = (power.max(0.0) as u32).min(BITS);
     let steps = Steps { inner, leaf_most };
     Plan {
         cube,

@@ -30,6 +30,14 @@ const PULL: f64 = 1e-2;
 /// What the squared length of a pair adds to its cost, over the area around it: short pairs first where the surface is flat.
 const LENGTH: f64 = 1e-3;
 
+/// Which pairs may be contracted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Pairs {
+    All,
+    /// Those with a vertex that should go along a rim.
+    Rims,
+}
+
 /// What the contractions took.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ContractCounts {
@@ -134,6 +142,7 @@ pub(crate) struct Contractor<'a> {
     frame: &'a Frame,
     state: CertifiedSurface,
     roles: &'a Roles,
+    pairs: Pairs,
     appearance: Option<&'a Appearance<'a>>,
     tolerance_sq: f64,
     flood: Flood,
@@ -178,6 +187,7 @@ impl<'a> Contractor<'a> {
             frame,
             state,
             roles,
+            pairs: Pairs::All,
             appearance,
             tolerance_sq,
             flood: Flood::new(original),
@@ -202,7 +212,8 @@ impl<'a> Contractor<'a> {
     }
 
     /// Contracts until every pair has failed since its surroundings last changed.
-    pub(crate) fn run(mut self) -> (CertifiedSurface, ContractCounts, usize) {
+    pub(crate) fn run(mut self, pairs: Pairs) -> (CertifiedSurface, ContractCounts, usize) {
+        self.pairs = pairs;
         for u in 0..self.original.points.len() as u32 {
             self.push_pairs(u, |u, v| u < v);
         }
@@ -242,12 +253,16 @@ impl<'a> Contractor<'a> {
         self.state.bytes() + self.flood.bytes() + self.links.bytes() + vertices + triangles + pairs
     }
 
+    fn may_pair(&self, u: u32, v: u32) -> bool {
+        self.pairs == Pairs::All || self.roles.is_on_rim(u) || self.roles.is_on_rim(v)
+    }
+
     /// Queues the pairs of `u` and its neighbours.
     fn push_pairs(&mut self, u: u32, wanted: impl Fn(u32, u32) -> bool) {
         let mut neighbours: Vec<u32> = Vec::with_capacity(16);
         for corner in self.state.surface.corners_at(u) {
             for v in self.state.surface.others(corner) {
-                if wanted(u, v) && !neighbours.contains(&v) {
+                if wanted(u, v) && self.may_pair(u, v) && !neighbours.contains(&v) {
                     neighbours.push(v);
                 }
             }

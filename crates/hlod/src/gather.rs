@@ -41,9 +41,10 @@ struct Open {
     side: u8,
 }
 
-/// Joins the meshes of the cells below `cell`, down to `levels` levels below it.
-pub(crate) fn gather(cell: &Cell, levels: u32, parts: Vec<Part>) -> Gathered {
-    let mut join = Join::new(parts);
+/// Joins the meshes of the cells below `cell`, down to `levels` levels below it. No triangle is moved by more than `farthest`, in units; cracks that
+/// would need more stay.
+pub(crate) fn gather(cell: &Cell, levels: u32, parts: Vec<Part>, farthest: f64) -> Gathered {
+    let mut join = Join::new(parts, farthest);
     let parts_per_edge = 1 << levels;
     let step = cell.edge() / parts_per_edge;
     for axis in 0..3 {
@@ -59,11 +60,12 @@ struct Join {
     faces: Vec<Face>,
     with_looks: bool,
     errors: Vec<f64>,
+    farthest: f64,
     joined: u64,
 }
 
 impl Join {
-    fn new(parts: Vec<Part>) -> Self {
+    fn new(parts: Vec<Part>, farthest: f64) -> Self {
         let mut vertices = Vertices::default();
         let with_looks = parts.iter().any(|p| !p.piece.looks.is_empty());
         let mut join = Self {
@@ -71,6 +73,7 @@ impl Join {
             faces: Vec::new(),
             with_looks,
             errors: parts.iter().map(|p| p.error).collect(),
+            farthest,
             joined: 0,
         };
         for (i, Part { piece, .. }) in parts.into_iter().enumerate() {
@@ -152,10 +155,8 @@ impl Join {
         let nearest: Vec<Option<usize>> = vertices
             .iter()
             .map(|&(x, v, part)| {
-                let reach = self.errors[part as usize];
-                let limit = |other: u32| reach + self.errors[other as usize] + 2.0;
-                let widest = self.errors.iter().fold(0.0f64, |m, &e| m.max(e));
-                let window = (reach + widest + 2.0).ceil() as i32;
+                let limit = |other: u32| self.widest(part, other);
+                let window = self.farthest.ceil() as i32;
                 let first = vertices.partition_point(|o| o.0 < x.saturating_sub(window));
                 let near = (first..vertices.len()).take_while(|&i| vertices[i].0 <= x.saturating_add(window));
                 near.filter(|&i| vertices[i].2 != part && vertices[i].1 != v)
@@ -177,19 +178,30 @@ impl Join {
             target.push(if goes { (v, w) } else { (w, v) });
         }
         target.sort_unstable();
-        self.joined += target.len() as u64;
-        if target.is_empty() {
-            return;
-        }
         let ways: Vec<f64> = target.iter().map(|&(from, to)| self.distance(from, to)).collect();
+        let moves = |v: &u32| target.binary_search_by_key(v, |t| t.0).ok();
+        // Not what was moved before, if that would be too much together.
+        let mut may = vec![true; target.len()];
+        for face in &self.faces {
+            let way: f64 = face.points.iter().filter_map(moves).map(|i| ways[i]).sum();
+            if face.moved + way > self.farthest {
+                face.points.iter().filter_map(moves).for_each(|i| may[i] = false);
+            }
+        }
+        self.joined += may.iter().filter(|m| **m).count() as u64;
         for face in &mut self.faces {
             for v in &mut face.points {
-                if let Ok(i) = target.binary_search_by_key(v, |t| t.0) {
+                if let Some(i) = moves(v).filter(|&i| may[i]) {
                     *v = target[i].1;
                     face.moved += ways[i];
                 }
             }
         }
+    }
+
+    /// The widest crack between two parts that is closed.
+    fn widest(&self, part: u32, other: u32) -> f64 {
+        (self.errors[part as usize] + self.errors[other as usize] + 2.0).min(self.farthest)
     }
 
     fn longest_axis(&self, open: &[Open]) -> usize {
@@ -208,12 +220,10 @@ impl Join {
     fn divide_sides(&mut self, open: &[Open]) -> bool {
         let along = self.longest_axis(open);
         let vertices = self.open_vertices(open, along);
-        let widest = self.errors.iter().fold(0.0f64, |m, &e| m.max(e));
         let mut divided: Vec<(Open, f64, Vec<u32>)> = Vec::new();
         for &o in open {
-            let reach = self.errors[self.faces[o.face as usize].part as usize];
             let [p, q] = self.ends(o).map(|v| self.at[v as usize][along]);
-            let window = (reach + widest + 2.0).ceil() as i32;
+            let window = self.farthest.ceil() as i32;
             let (low, high) = (p.min(q).saturating_sub(window), p.max(q).saturating_add(window));
             let first = vertices.partition_point(|v| v.0 < low);
             let near = vertices[first..].iter().take_while(|v| v.0 <= high);
@@ -250,7 +260,7 @@ impl Join {
         let t = dot(offset, line) / dot(line, line);
         let foot = [0, 1, 2].map(|k| offset[k] - t * line[k]);
         let off = dot(foot, foot).sqrt();
-        let reach = self.errors[own as usize] + self.errors[part as usize] + 2.0;
+        let reach = self.widest(own, part).min(self.farthest - self.faces[o.face as usize].moved);
         (t > 0.0 && t < 1.0 && off <= reach).then_some((t, off, v))
     }
 
@@ -314,14 +324,14 @@ mod tests {
     }
 
     fn open_on_wall(piece: &Piece) -> usize {
-        Join::new(vec![Part { piece: piece.clone(), error: 0.0 }]).open_sides(0, M).len()
+        Join::new(vec![Part { piece: piece.clone(), error: 0.0 }], 0.0).open_sides(0, M).len()
     }
 
     #[test]
     fn equal_rims_need_nothing() {
         let rim = [(0, 0), (1000, 5), (2000, -7)];
         let parts = [M - 999, M + 999].map(|x| Part { piece: strip(x, &rim), error: 3.0 });
-        let g = gather(&Cell::ROOT, 1, parts.into());
+        let g = gather(&Cell::ROOT, 1, parts.into(), 99.0);
         assert_eq!((open_on_wall(&g.piece), g.joined, g.error), (0, 0, 3.0));
     }
 
@@ -330,7 +340,7 @@ mod tests {
         let fine = strip(M - 999, &[(0, 0), (500, 4), (1000, 5), (1500, 3), (2000, -7)]);
         let coarse = strip(M + 999, &[(0, 1), (1001, 6), (2000, -7)]);
         let parts = vec![Part { piece: fine, error: 0.0 }, Part { piece: coarse, error: 8.0 }];
-        let g = gather(&Cell::ROOT, 1, parts);
+        let g = gather(&Cell::ROOT, 1, parts, 99.0);
         assert_eq!((open_on_wall(&g.piece), g.joined), (0, 4));
         assert!(g.error > 8.0 && g.error < 16.0, "{}", g.error);
         assert_eq!(g.piece.triangles.len(), 8 + 4 + 2);
@@ -341,7 +351,7 @@ mod tests {
         let a = strip(M - 999, &[(0, 0), (1000, 0), (2000, 0)]);
         let b = strip(M + 999, &[(0, 90), (1000, 90), (2000, 90)]);
         let parts = vec![Part { piece: a, error: 4.0 }, Part { piece: b, error: 4.0 }];
-        let g = gather(&Cell::ROOT, 1, parts);
+        let g = gather(&Cell::ROOT, 1, parts, 99.0);
         assert_eq!((open_on_wall(&g.piece), g.joined, g.error), (4, 0, 4.0));
     }
 }

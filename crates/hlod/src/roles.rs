@@ -62,6 +62,15 @@ impl Roles {
         Self { of: vec![Role::Free; vertices], ends: Vec::new() }
     }
 
+    /// Whether there are rims to follow.
+    pub(crate) fn any_rims(&self) -> bool {
+        !self.ends.is_empty()
+    }
+
+    pub(crate) fn is_on_rim(&self, v: u32) -> bool {
+        matches!(self.of[v as usize], Role::Rim(_))
+    }
+
     pub(crate) fn lock(&mut self, v: u32) {
         self.of[v as usize] = Role::Locked;
     }
@@ -320,6 +329,44 @@ mod tests {
         };
         assert_eq!(kept(false), kept(true));
         assert_eq!(kept(false).len(), 6);
+    }
+
+    #[test]
+    fn octants_of_a_ball_keep_the_same_vertices() {
+        use crate::cell::{Cell, Cube, LocalFrame};
+        use crate::cut::Polygons;
+        use crate::piece::{Attributes, Piece};
+        let ball = farsight_geometry::hard_cases::bumpy_ball(16);
+        let cube = Cube::around(&ball.world_bounds());
+        let mut all = Polygons::default();
+        for c in ball.corner_iter() {
+            all.push_triangle(c.map(|p| cube.enter(p.as_dvec3())), None);
+        }
+        let step = 1 << 15;
+        let mut kept: [Vec<[i32; 3]>; 2] = Default::default();
+        for (octant, part) in all.split(&Cell::ROOT).into_iter().enumerate() {
+            let cell = Cell::ROOT.child(octant as u32);
+            let frame = LocalFrame::of(&cell, &cube);
+            let piece = Piece::of_polygons(&part, step);
+            let mesh = piece.to_mesh(&frame, glam::DVec3::ZERO, Attributes::default()).unwrap();
+            let original = Original::new(&mesh, &Frame::of(&mesh));
+            let mut roles = Roles::free(original.points.len());
+            let walls = Walls {
+                min: frame.local(cell.corner()),
+                max: frame.local(cell.corner().map(|m| m + cell.edge())),
+                tolerance: 0.003,
+            };
+            roles.add_rims(&original, &mesh, None, &walls);
+            for v in (0..original.points.len()).filter(|&v| roles.of[v] == Role::Fixed) {
+                let at = frame.lattice(mesh.positions()[original.vertex[v] as usize], step);
+                if at[0] == Cell::ROOT.middle()[0] {
+                    kept[octant & 1].push(at);
+                }
+            }
+        }
+        kept.iter_mut().for_each(|k| k.sort_unstable());
+        assert!(kept[0].len() > 10);
+        assert_eq!(kept[0], kept[1]);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::HlodError;
 use crate::appearance::{Appearance, Gathering};
 use crate::certify::{CertifiedSurface, Failed, certify_all, certify_some};
 use crate::complex::Complex;
-use crate::contract::Contractor;
+use crate::contract::{Contractor, Pairs};
 use crate::fast::{FastLimits, contract_fast};
 use crate::frame::{Frame, SLACK, resolution};
 use crate::original::{NONE, Original};
@@ -231,11 +231,12 @@ fn reduce(
     let (state, counts) = certify_all(original, surface, &mut log, limit_sq, appearance);
     drop(log);
     counts.add_to(counters);
-    if tier == Tier::Verified {
+    if tier == Tier::Verified && !roles.any_rims() {
         return Reduced { bytes: state.bytes(), state, failed: Failed::default() };
     }
     let contractor = Contractor::new(original, frame, state, roles, appearance, limit_sq);
-    let (state, counts, bytes) = contractor.run();
+    let pairs = if tier == Tier::Verified { Pairs::Rims } else { Pairs::All };
+    let (state, counts, bytes) = contractor.run(pairs);
     counts.add_to(counters);
     Reduced { state, failed: Failed::default(), bytes }
 }

@@ -68,9 +68,19 @@ fn every_level_is_as_near_as_its_nodes_say() {
             let claim = nodes.iter().map(|&n| tree.error(n, Mesh::Full).value).fold(0.0, f64::max);
             let whole = joined(&meshes);
             let size = mesh.world_bounds().diagonal();
-            let d = hausdorff(&mesh, &whole, &HausdorffOptions::new(0.02 * claim.max(1e-9 * size)).with_max_splits(30_000));
+            let d = hausdorff(
+                &mesh,
+                &whole,
+                &HausdorffOptions::new(0.02 * claim.max(1e-9 * size)).with_max_splits(30_000),
+            );
             let open = whole.report().border_edges;
-            println!("{name} {l}: {} nodes {} triangles, claim {claim:.2e}, true {:.2e}, open {open} of {}", nodes.len(), whole.triangles().len(), d.lower, mesh.report().border_edges);
+            println!(
+                "{name} {l}: {} nodes {} triangles, claim {claim:.2e}, true {:.2e}, open {open} of {}",
+                nodes.len(),
+                whole.triangles().len(),
+                d.lower,
+                mesh.report().border_edges
+            );
             assert!(d.lower <= claim, "{name} level {l}: {d:?} above {claim}");
             for &n in &nodes {
                 let limit = if tree.is_leaf(n) { f64::INFINITY } else { tree.edge(n) / 256.0 };

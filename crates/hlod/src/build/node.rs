@@ -68,11 +68,11 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
     let attributes = if mesh == Mesh::Full { plan.attributes } else { Attributes::default() };
     let look_before = below.iter().map(|b| b.look_error).fold(0.0, f64::max);
     let parts = below.into_iter().map(|b| Part { piece: b.piece, error: b.error / unit }).collect();
-    let Gathered { piece, error, joined } = gather(cell, 2, parts);
+    let budget = f64::from(cell.edge()) * unit / plan.resolution;
+    let Gathered { piece, error, joined } = gather(cell, 2, parts, JOIN_SHARE * budget / unit);
     let before = (error * unit).next_up();
     let step = plan.steps.of(cell, false);
     let rounded = (rounding(step) * unit).next_up();
-    let budget = f64::from(cell.edge()) * unit / plan.resolution;
     let spent = if attributes.any() { before.max(look_before) } else { before };
     let tolerance = budget - spent - rounded;
     let frame = LocalFrame::of(cell, &plan.cube);
@@ -95,6 +95,9 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
     let look_error = if attributes.any() { look_before + appearance + rounded } else { error };
     Ok(Made { joined, ..Made::new(&piece, cell, step, attributes, error, look_error) })
 }
+
+/// How far anything may be moved to close cracks, over the tolerance of the node. Rims of two levels below are within twice their share of each other.
+const JOIN_SHARE: f64 = 0.2;
 
 /// How far rims may move, over the tolerance of the node: enough to leave few vertices, little enough that surfaces can follow.
 const RIM_SHARE: f64 = 0.25;

@@ -6,6 +6,7 @@ use crate::appearance::Look;
 use crate::cell::Cube;
 use crate::cut::Polygons;
 use crate::piece::Attributes;
+use farsight_geometry::mesh::triangle_area;
 use farsight_geometry::{DAabb, TriangleMesh};
 use glam::{DVec3, Vec2, Vec3};
 use std::fs::File;
@@ -22,6 +23,8 @@ pub(super) struct Spool {
     pub bounds: DAabb,
     pub attributes: Attributes,
     pub triangles: u64,
+    /// Of all triangles, in world units.
+    pub area: f64,
 }
 
 /// Writes batches to a file.
@@ -31,6 +34,7 @@ pub(super) struct Spooler {
     bounds: DAabb,
     attributes: Attributes,
     triangles: u64,
+    area: f64,
     new_id: Vec<u32>,
 }
 
@@ -43,6 +47,7 @@ impl Spooler {
             bounds: DAabb::EMPTY,
             attributes: Attributes::default(),
             triangles: 0,
+            area: 0.0,
             new_id: Vec::new(),
         })
     }
@@ -54,6 +59,8 @@ impl Spooler {
         self.bounds = self.bounds.union(mesh.world_bounds());
         self.attributes = self.attributes.union(Attributes::of(mesh));
         self.triangles += mesh.triangles().len() as u64;
+        // Summed triangle by triangle, so that batches do not matter.
+        mesh.corner_iter().for_each(|c| self.area += triangle_area(c));
         self.new_id.clear();
         self.new_id.resize(mesh.positions().len(), u32::MAX);
         for block in mesh.triangles().chunks(BLOCK) {
@@ -100,9 +107,9 @@ impl Spooler {
 
     pub(super) fn finish(self) -> Result<Spool, HlodError> {
         let file = self.writer.into_inner().map_err(|e| HlodError::io(&self.path)(e.into_error()))?;
-        let Self { path, bounds, attributes, triangles, .. } =
+        let Self { path, bounds, attributes, triangles, area, .. } =
             Self { writer: BufWriter::new(file.try_clone().map_err(HlodError::io(&self.path))?), ..self };
-        Ok(Spool { file, path, bounds, attributes, triangles })
+        Ok(Spool { file, path, bounds, attributes, triangles, area })
     }
 }
 
