@@ -43,6 +43,22 @@ impl Look {
         Self { normal: sum.normal.normalize_or_zero(), ..sum }
     }
 
+    /// What lies `t` of the way to another; normals are not brought to unit length.
+    pub(crate) fn towards(&self, other: &Self, t: f32) -> Self {
+        Self {
+            normal: self.normal.lerp(other.normal, t),
+            uv: self.uv.lerp(other.uv, t),
+            colour: self.colour.lerp(other.colour, t),
+        }
+    }
+
+    /// How far along a line between two looks the one that `found` is lies from where it should be: `t` of the way.
+    pub(crate) fn shift_on_line(ends: [Self; 2], t: f32, found: &Self, length: f64) -> f64 {
+        let there = Self::mix([(ends[0], 1.0 - t), (ends[1], t), (ends[1], 0.0)]);
+        let (off, rate) = (found.difference(&there), ends[0].difference(&ends[1]));
+        (0..3).map(|a| shift(off[a], f64::from(rate[a]) / length, a, length)).fold(0.0, f64::max)
+    }
+
     fn difference(&self, other: &Self) -> Difference {
         let (a, b) = (self.normal, other.normal);
         // Accurate for small angles too; a missing normal differs from nothing.
@@ -106,7 +122,14 @@ impl<'a> Appearance<'a> {
                 if looks[c].is_none() {
                     let mut at = [NUDGE; 3];
                     at[c] = 1.0 - 2.0 * NUDGE;
-                    looks[c] = weights_at(&shadows, at).map(|w| self.mixed(original, t, w));
+                    looks[c] = weights_at(&shadows, at).map(|w| {
+                        // A vertex that stays keeps what it looks like, bit for bit.
+                        let corners = original.corners(t);
+                        match corners.iter().position(|p| *p == facet.corners[c]) {
+                            Some(k) => self.corner(original, t, k),
+                            None => self.mixed(original, t, w),
+                        }
+                    });
                 }
             }
         }

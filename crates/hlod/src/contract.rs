@@ -13,6 +13,7 @@ use crate::flood::{Flood, steep_reach_sq};
 use crate::frame::Frame;
 use crate::original::{NONE, Original};
 use crate::quadric::Quadric;
+use crate::roles::{Place, Roles};
 use farsight_geometry::accuracy::Counters;
 use glam::DVec3;
 
@@ -28,6 +29,14 @@ const PULL: f64 = 1e-2;
 
 /// What the squared length of a pair adds to its cost, over the area around it: short pairs first where the surface is flat.
 const LENGTH: f64 = 1e-3;
+
+/// Which pairs may be contracted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Pairs {
+    All,
+    /// Those with a vertex that should go along a rim.
+    Rims,
+}
 
 /// What the contractions took.
 #[derive(Clone, Copy, Debug, Default)]
@@ -53,6 +62,13 @@ struct Pair {
     u: u32,
     v: u32,
     made: [u32; 2],
+}
+
+/// Where a pair may go, the best place first.
+#[derive(Clone, Copy, Debug)]
+struct Places {
+    all: [DVec3; 3],
+    len: usize,
 }
 
 /// Pairs by the size of their cost: half powers of two, first come first served within.
@@ -125,7 +141,8 @@ pub(crate) struct Contractor<'a> {
     original: &'a Original,
     frame: &'a Frame,
     state: CertifiedSurface,
-    locked: &'a [bool],
+    roles: &'a Roles,
+    pairs: Pairs,
     appearance: Option<&'a Appearance<'a>>,
     tolerance_sq: f64,
     flood: Flood,
@@ -160,7 +177,7 @@ impl<'a> Contractor<'a> {
         original: &'a Original,
         frame: &'a Frame,
         state: CertifiedSurface,
-        locked: &'a [bool],
+        roles: &'a Roles,
         appearance: Option<&'a Appearance<'a>>,
         tolerance_sq: f64,
     ) -> Self {
@@ -169,7 +186,8 @@ impl<'a> Contractor<'a> {
             original,
             frame,
             state,
-            locked,
+            roles,
+            pairs: Pairs::All,
             appearance,
             tolerance_sq,
             flood: Flood::new(original),
@@ -194,7 +212,8 @@ impl<'a> Contractor<'a> {
     }
 
     /// Contracts until every pair has failed since its surroundings last changed.
-    pub(crate) fn run(mut self) -> (CertifiedSurface, ContractCounts, usize) {
+    pub(crate) fn run(mut self, pairs: Pairs) -> (CertifiedSurface, ContractCounts, usize) {
+        self.pairs = pairs;
         for u in 0..self.original.points.len() as u32 {
             self.push_pairs(u, |u, v| u < v);
         }
@@ -212,7 +231,7 @@ impl<'a> Contractor<'a> {
                 if (pass == 0 || changed > when)
                     && !self.state.surface.is_isolated(u)
                     && !self.state.surface.is_isolated(v)
-                    && let Some((cost, _)) = self.evaluate(u, v)
+                    && let Some((cost, ..)) = self.evaluate(u, v)
                 {
                     let made = [self.made[u as usize], self.made[v as usize]];
                     self.queue.push(cost, Pair { u, v, made });
@@ -234,30 +253,32 @@ impl<'a> Contractor<'a> {
         self.state.bytes() + self.flood.bytes() + self.links.bytes() + vertices + triangles + pairs
     }
 
+    fn may_pair(&self, u: u32, v: u32) -> bool {
+        self.pairs == Pairs::All || self.roles.is_on_rim(u) || self.roles.is_on_rim(v)
+    }
+
     /// Queues the pairs of `u` and its neighbours.
     fn push_pairs(&mut self, u: u32, wanted: impl Fn(u32, u32) -> bool) {
         let mut neighbours: Vec<u32> = Vec::with_capacity(16);
         for corner in self.state.surface.corners_at(u) {
             for v in self.state.surface.others(corner) {
-                if wanted(u, v) && !neighbours.contains(&v) {
+                if wanted(u, v) && self.may_pair(u, v) && !neighbours.contains(&v) {
                     neighbours.push(v);
                 }
             }
         }
         for v in neighbours {
-            if let Some((cost, _)) = self.evaluate(u, v) {
+            if let Some((cost, ..)) = self.evaluate(u, v) {
                 let made = [self.made[u as usize], self.made[v as usize]];
                 self.queue.push(cost, Pair { u, v, made });
             }
         }
     }
 
-    /// Cost of a contraction by the quadric of the faces around it, and places for it, the best first; `None` when it cannot come out
-    /// well.
-    fn evaluate(&self, u: u32, v: u32) -> Option<(f64, [DVec3; 3])> {
-        if self.locked[u as usize] || self.locked[v as usize] {
-            return None;
-        }
+    /// Cost of a contraction by the quadric of the faces around it, the vertex that stays and the one that goes, and places for it, the
+    /// best first; `None` when it is not allowed or cannot come out well.
+    fn evaluate(&self, u: u32, v: u32) -> Option<(f64, [u32; 2], Places)> {
+        let (u, v, rule) = self.roles.pair(u, v)?;
         let s = &self.state.surface;
         let (a, b) = (s.points[u as usize], s.points[v as usize]);
         let middle = (a + b) * 0.5;
@@ -278,6 +299,16 @@ impl<'a> Contractor<'a> {
             }
         }
         let length_sq = a.distance_squared(b);
+        let extra = LENGTH * length_sq * q.weight;
+        if rule != Place::Anywhere {
+            // A rim has to become what the other side of the wall makes of it: there is no choice, and no cost is too high to try.
+            let mut places = Places { all: [a; 3], len: 1 };
+            if rule == Place::Either {
+                let ends = if q.at(b - middle) < q.at(a - middle) { [b, a] } else { [a, b] };
+                (places.all[0], places.all[1], places.len) = (ends[0], ends[1], 2);
+            }
+            return Some((q.at(places.all[0] - middle) + extra, [u, v], places));
+        }
         let mut pulled = q;
         pulled.pull(DVec3::ZERO, PULL * q.trace());
         let at = pulled.minimum().unwrap_or(DVec3::ZERO);
@@ -291,7 +322,8 @@ impl<'a> Contractor<'a> {
         if value > limit {
             return None;
         }
-        Some((value + LENGTH * length_sq * q.weight, places.map(|(_, p)| self.frame.snap(middle + p))))
+        let all = places.map(|(_, p)| self.frame.snap(middle + p));
+        Some((value + extra, [u, v], Places { all, len: 3 }))
     }
 
     fn try_pair(&mut self, key: usize, pair: Pair, all_places: bool) {
@@ -303,7 +335,7 @@ impl<'a> Contractor<'a> {
             self.failed.push((u, v, self.clock));
             return;
         }
-        let Some((cost, places)) = self.evaluate(u, v) else {
+        let Some((cost, [u, v], places)) = self.evaluate(u, v) else {
             self.failed.push((u, v, self.clock));
             return;
         };
@@ -312,8 +344,8 @@ impl<'a> Contractor<'a> {
             self.queue.push(cost, pair);
             return;
         }
-        let places = if all_places { &places[..] } else { &places[..1] };
-        for &at in places {
+        let count = if all_places { places.len } else { 1 };
+        for &at in &places.all[..count] {
             if self.attempt(u, v, at) {
                 self.push_pairs(u, |_, _| true);
                 return;

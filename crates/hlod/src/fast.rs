@@ -7,6 +7,7 @@ use crate::complex::{Complex, LinkMarks, Marks, link_holds};
 use crate::frame::Frame;
 use crate::original::{NONE, Original};
 use crate::quadric::Quadric;
+use crate::roles::{Place, Roles};
 use glam::DVec3;
 
 /// When a quick contraction is accepted.
@@ -125,16 +126,18 @@ pub(crate) fn border_quadric(a: DVec3, b: DVec3, normal: DVec3) -> Option<Quadri
 #[derive(Clone, Copy)]
 struct Candidate {
     cost: f32,
+    /// Stays.
     u: u32,
     v: u32,
+    rule: Place,
 }
 
-/// Contracts until nothing is left within the limits. `locked` vertices stay.
+/// Contracts until nothing is left within the limits, as far as the vertices' roles allow.
 pub(crate) fn contract_fast(
     original: &Original,
     frame: &Frame,
     s: &mut Complex,
-    locked: &[bool],
+    roles: &Roles,
     limits: FastLimits,
 ) -> Log {
     let mut log = Log::new(s.points.len());
@@ -150,12 +153,15 @@ pub(crate) fn contract_fast(
             seen.clear();
             for corner in s.corners_at(u) {
                 for v in s.others(corner) {
-                    if v > u && seen.set(v) && !locked[u as usize] && !locked[v as usize] {
+                    if v > u
+                        && seen.set(v)
+                        && let Some((kept, gone, rule)) = roles.pair(u, v)
+                    {
                         let members = log.members[u as usize] + log.members[v as usize];
                         if members <= limits.members
-                            && let Some((cost, _)) = place(s, &quadrics, u, v, limits.rms)
+                            && let Some((cost, _)) = place(s, &quadrics, kept, gone, rule, limits.rms)
                         {
-                            candidates.push(Candidate { cost: cost as f32, u, v });
+                            candidates.push(Candidate { cost: cost as f32, u: kept, v: gone, rule });
                         }
                     }
                 }
@@ -164,11 +170,11 @@ pub(crate) fn contract_fast(
         candidates.sort_unstable_by_key(|c| (c.cost.to_bits(), c.u, c.v));
         touched.clear();
         let mut contracted = 0;
-        for &Candidate { u, v, .. } in &candidates {
+        for &Candidate { u, v, rule, .. } in &candidates {
             if touched.has(u) || touched.has(v) {
                 continue;
             }
-            let Some((_, at)) = place(s, &quadrics, u, v, limits.rms) else { continue };
+            let Some((_, at)) = place(s, &quadrics, u, v, rule, limits.rms) else { continue };
             if !link_holds(s, u, v, &mut marks) || !keeps_orientation(s, u, v, at) {
                 continue;
             }
@@ -190,15 +196,22 @@ pub(crate) fn contract_fast(
 }
 
 /// Cost and place of a contraction within the limit.
-fn place(s: &Complex, quadrics: &[Quadric], u: u32, v: u32, rms: f64) -> Option<(f64, DVec3)> {
+fn place(s: &Complex, quadrics: &[Quadric], u: u32, v: u32, rule: Place, rms: f64) -> Option<(f64, DVec3)> {
     let mut q = quadrics[u as usize];
     q.add(&quadrics[v as usize]);
     let (a, b) = (s.points[u as usize], s.points[v as usize]);
     let middle = (a + b) * 0.5;
     let limit = rms * rms * q.weight;
-    let mut pulled = q;
-    pulled.pull(middle, 1e-3 * q.trace());
-    let at = pulled.minimum().unwrap_or(middle);
+    let at = match rule {
+        Place::Anywhere => {
+            let mut pulled = q;
+            pulled.pull(middle, 1e-3 * q.trace());
+            pulled.minimum().unwrap_or(middle)
+        }
+        Place::Kept => a,
+        Place::Either if q.at(b) < q.at(a) => b,
+        Place::Either => a,
+    };
     let cost = q.at(at);
     // Far away from both ends, planes say little about the surface.
     let reach_sq = a.distance_squared(b);
@@ -237,8 +250,8 @@ mod tests {
         let frame = Frame::of(&mesh);
         let o = Original::new(&mesh, &frame);
         let mut s = Complex::new(o.points.clone(), o.triangles.clone());
-        let locked = vec![false; o.points.len()];
-        let mut log = contract_fast(&o, &frame, &mut s, &locked, FastLimits { rms: 0.02, members: 16 });
+        let roles = Roles::free(o.points.len());
+        let mut log = contract_fast(&o, &frame, &mut s, &roles, FastLimits { rms: 0.02, members: 16 });
         assert!(s.live < o.triangles.len() / 3, "{} of {}", s.live, o.triangles.len());
         assert!((0..o.points.len()).all(|v| log.members[v] <= 16));
         for v in 0..o.points.len() as u32 {

@@ -23,53 +23,36 @@
 //! Source: Guthe 2004, section 3. The certificates are new.
 
 mod appearance;
+mod build;
+mod cell;
 mod certify;
 mod claims;
+mod codec;
 mod complex;
 mod contract;
 mod cover;
+mod cut;
+mod error;
 mod facet;
 mod fast;
 mod flood;
 mod frame;
+mod gather;
 mod original;
+mod piece;
 mod polygon;
 mod quadric;
+mod roles;
 mod simplify;
+mod store;
+mod tree;
 
+pub use build::{BuildOptions, BuildReport, LevelReport, Progress, Stage, build, no_progress};
+pub use error::HlodError;
 pub use glam;
 pub use simplify::{Simplified, SimplifyOptions, Tier, simplify};
-
-/// Why something could not be simplified.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum HlodError {
-    /// The tolerance is negative or not finite.
-    #[error("a tolerance of {tolerance} is impossible; it must be finite and not negative")]
-    Tolerance {
-        /// The tolerance.
-        tolerance: f64,
-    },
-    /// The tolerance is below what the coordinates can tell apart.
-    #[error("a tolerance of {tolerance:e} is below the coordinates' resolution of {resolution:e}")]
-    BelowResolution {
-        /// The tolerance.
-        tolerance: f64,
-        /// The least one that makes sense for this mesh.
-        resolution: f64,
-    },
-    /// More triangles than the tables can number.
-    #[error("{triangles} triangles are more than {limit}; cut the mesh into parts")]
-    TooLarge {
-        /// Triangles of the mesh.
-        triangles: usize,
-        /// Most that are taken.
-        limit: usize,
-    },
-    /// The result is no valid mesh.
-    #[error(transparent)]
-    Mesh(#[from] farsight_geometry::MeshError),
-}
+pub use store::{NodeMesh, Store};
+pub use tree::{Mesh, NodeId, Tree};
 
 /// The README's example, so that it stays true.
 #[cfg(doctest)]

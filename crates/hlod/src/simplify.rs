@@ -4,10 +4,11 @@ use crate::HlodError;
 use crate::appearance::{Appearance, Gathering};
 use crate::certify::{CertifiedSurface, Failed, certify_all, certify_some};
 use crate::complex::Complex;
-use crate::contract::Contractor;
+use crate::contract::{Contractor, Pairs};
 use crate::fast::{FastLimits, contract_fast};
 use crate::frame::{Frame, SLACK, resolution};
 use crate::original::{NONE, Original};
+use crate::roles::{Roles, Walls};
 use farsight_geometry::TriangleMesh;
 use farsight_geometry::accuracy::{Cost, Counters, ErrorBound, Unit};
 use farsight_geometry::distance::{HausdorffOptions, Surface, one_sided};
@@ -143,6 +144,16 @@ pub fn simplify(
     tolerance: f64,
     options: &SimplifyOptions,
 ) -> Result<Simplified, HlodError> {
+    simplify_between(mesh, tolerance, options, None)
+}
+
+/// [`simplify`]; rims at walls become what is made of them on the other side too, wherever that can be certified.
+pub(crate) fn simplify_between(
+    mesh: &TriangleMesh,
+    tolerance: f64,
+    options: &SimplifyOptions,
+    walls: Option<&Walls>,
+) -> Result<Simplified, HlodError> {
     let start = Instant::now();
     if mesh.triangles().len() > MOST_TRIANGLES {
         return Err(HlodError::TooLarge { triangles: mesh.triangles().len(), limit: MOST_TRIANGLES });
@@ -152,10 +163,15 @@ pub fn simplify(
     let original = Original::new(mesh, &frame);
     let appearance = if options.appearance { Appearance::new(mesh, tolerance) } else { None };
     let appearance = appearance.as_ref();
+    let mut roles = Roles::free(original.points.len());
+    if let Some(walls) = walls {
+        roles.add_rims(&original, mesh, appearance, walls);
+    }
+    original.lines.iter().flatten().for_each(|&v| roles.lock(v));
     let mut counters = Counters::new();
     counters.add("triangles", mesh.triangles().len() as u64);
     let Reduced { state, failed, bytes } =
-        reduce(&original, &frame, appearance, limit, options.tier, &mut counters);
+        reduce(&original, &frame, &roles, appearance, limit, options.tier, &mut counters);
     let simple = match appearance {
         Some(a) => output_with_looks(mesh, &frame, &original, &state, a, ALIKE * limit)?,
         None => output(mesh, &frame, &original, &state)?,
@@ -192,13 +208,12 @@ struct Reduced {
 fn reduce(
     original: &Original,
     frame: &Frame,
+    roles: &Roles,
     appearance: Option<&Appearance>,
     limit: f64,
     tier: Tier,
     counters: &mut Counters,
 ) -> Reduced {
-    let mut locked = vec![false; original.points.len()];
-    original.lines.iter().flatten().for_each(|&v| locked[v as usize] = true);
     let mut surface = Complex::new(original.points.clone(), original.triangles.clone());
     let members = if tier == Tier::Guaranteed { QUICK_MEMBERS } else { u32::MAX };
     // Planes know nothing of attributes: less is left to them.
@@ -206,7 +221,7 @@ fn reduce(
         Some(_) => FastLimits { rms: QUICK_SHARE_WITH_LOOKS * limit, members: QUICK_MEMBERS_WITH_LOOKS },
         None => FastLimits { rms: QUICK_SHARE * limit, members },
     };
-    let mut log = contract_fast(original, frame, &mut surface, &locked, limits);
+    let mut log = contract_fast(original, frame, &mut surface, roles, limits);
     let limit_sq = limit * limit;
     if tier == Tier::Fast {
         let (state, counts, failed) = certify_some(original, surface, &mut log, limit_sq, appearance);
@@ -216,11 +231,12 @@ fn reduce(
     let (state, counts) = certify_all(original, surface, &mut log, limit_sq, appearance);
     drop(log);
     counts.add_to(counters);
-    if tier == Tier::Verified {
+    if tier == Tier::Verified && !roles.any_rims() {
         return Reduced { bytes: state.bytes(), state, failed: Failed::default() };
     }
-    let contractor = Contractor::new(original, frame, state, &locked, appearance, limit_sq);
-    let (state, counts, bytes) = contractor.run();
+    let contractor = Contractor::new(original, frame, state, roles, appearance, limit_sq);
+    let pairs = if tier == Tier::Verified { Pairs::Rims } else { Pairs::All };
+    let (state, counts, bytes) = contractor.run(pairs);
     counts.add_to(counters);
     Reduced { state, failed: Failed::default(), bytes }
 }
