@@ -64,7 +64,7 @@ impl<'a> Planned<'a> {
             objects: &seen,
             lights: light.as_slice(),
             clouds: &[],
-            in_cell: false,
+            cell: None,
             jumped: false,
         };
         let budget = Budget::unlimited(tolerances);

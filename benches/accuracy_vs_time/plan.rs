@@ -87,7 +87,7 @@ impl Town<'_> {
             objects: &seen,
             lights: &[],
             clouds: &[],
-            in_cell: false,
+            cell: None,
             jumped: false,
         };
         // Triangles are what counts where nothing is shaded.

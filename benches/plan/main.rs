@@ -109,7 +109,7 @@ impl<'a> World<'a> {
             objects: &self.now,
             lights: &self.lights,
             clouds: &[CloudView { points_at_one_px: 1e6 }],
-            in_cell: false,
+            cell: None,
             jumped: false,
         };
         planner.plan(&scene, &view, budget, &Costs::default()).expect("valid numbers")

@@ -74,7 +74,7 @@ fn walk(scene: &SimScene, share: f64) {
             objects: &seen,
             lights: &[],
             clouds: &[],
-            in_cell: false,
+            cell: None,
             jumped: false,
         };
         // The rest of the frame is none of the planner's business; what the last frames took more is in the costs.

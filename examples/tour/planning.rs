@@ -120,7 +120,7 @@ impl<'a> Planning<'a> {
             objects: &self.seen,
             lights,
             clouds: &[],
-            in_cell: false,
+            cell: None,
             jumped: false,
         };
         // What a frame takes whatever is in it is not to be had.

@@ -136,7 +136,7 @@ pub enum Rule {
     Saves,
     /// Frames since it was last tried against those to wait.
     Probe,
-    /// The eye is in a region whose visible objects are known.
+    /// The eye is in a region whose visible objects are known: what their set may miss, in tolerances, against what is allowed.
     InCell,
     /// Predicted time against the limit, in milliseconds.
     Limit,
@@ -278,7 +278,10 @@ impl fmt::Display for Reason {
             Rule::FewObjects => write!(f, "{value} objects in view, worth asking from {limit}"),
             Rule::Saves => write!(f, "saves {value} ms for {limit} ms"),
             Rule::Probe => write!(f, "tried again after {value} of {limit} frames"),
-            Rule::InCell => f.write_str("the eye is in a known region"),
+            Rule::InCell => write!(
+                f,
+                "the eye is in a region whose set misses {value} tolerances at most, {limit} allowed"
+            ),
             Rule::Limit => write!(f, "{value} ms predicted, limit {limit} ms"),
             Rule::NoLimit => f.write_str("no limit to keep"),
             Rule::Gain => write!(f, "gains {value}×, worth it from {limit}×"),

@@ -15,7 +15,7 @@
 //! let light = LightView { receiver_pixels: 800.0, caster_triangles: 0.0, caster_draws: 0.0, contribution: 0.8, texels,
 //!     penumbra_px: 0.0, unchanged: false };
 //! let view = ViewSummary { pixels: 1e6, outputs: Outputs::PICTURE, objects: &[seen], lights: &[light], clouds: &[],
-//!     in_cell: false, jumped: false };
+//!     cell: None, jumped: false };
 //!
 //! let mut planner = Planner::new(); // keep it: it remembers, so that decisions stay
 //! let plan = planner.plan(&scene, &view, &Budget::default(), &Costs::default())?;
@@ -55,8 +55,8 @@ pub use pass::{Pass, Resource, is_output};
 pub use plan::{Plan, Planner, plan};
 pub use state::PlanState;
 pub use summary::{
-    Budget, CloudSummary, CloudView, Detail, Form, LightSummary, LightView, ObjectSummary, ObjectView,
-    Outputs, SceneSummary, TexelSpread, Tolerances, ViewSummary,
+    Budget, CellView, CloudSummary, CloudView, Detail, Form, LightSummary, LightView, ObjectSummary,
+    ObjectView, Outputs, SceneSummary, TexelSpread, Tolerances, ViewSummary,
 };
 pub use work::{CostModel, Costs, Work};
 

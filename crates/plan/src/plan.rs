@@ -213,7 +213,7 @@ impl<C: CostModel + ?Sized> Frame<'_, C> {
     fn plan(&self, state: &PlanState, scratch: &mut Scratch, plan: &mut Plan) {
         plan.clear();
         self.collect(state, scratch);
-        let occlusion = occlusion::decide(self.view, &state.culling);
+        let occlusion = occlusion::decide(self.view, &state.culling, &self.budget.tolerances);
         let ladder = Ladder::new(self.budget.tolerances.position_px);
         let (unhurried, allowed) = match self.budget.limit {
             None => {
@@ -407,7 +407,9 @@ impl<C: CostModel + ?Sized> Frame<'_, C> {
             (Candidate::nothing(), Reason::new(Class::Void, Rule::NobodyReads, 0.0, 0.0))
         } else {
             plan.rejected.extend(occlusion.rejected);
-            (Candidate::exact(occlusion.choice, Work::default(), occlusion.cost(objects)), occlusion.because)
+            let chosen = Candidate::exact(occlusion.choice, Work::default(), occlusion.cost(objects));
+            let (strain, error) = (occlusion.strain, occlusion.error);
+            (Candidate { strain, error, ..chosen }, occlusion.because)
         };
         plan.push(Effect::Occlusion, &chosen, because, first);
         plan.decisions[place..].rotate_right(1);

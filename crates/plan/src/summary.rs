@@ -86,8 +86,8 @@ pub struct ViewSummary<'a> {
     pub lights: &'a [LightView],
     /// The clouds as the view has them.
     pub clouds: &'a [CloudView],
-    /// Whether the eye is in a region whose visible objects were computed beforehand, and objects not in the set stand still.
-    pub in_cell: bool,
+    /// The region that the eye is in, if its visible objects were computed beforehand and the others stand still.
+    pub cell: Option<CellView>,
     /// Whether the eye has jumped since the last frame, so that what was learned of hidden objects is worth nothing.
     pub jumped: bool,
 }
@@ -152,6 +152,15 @@ pub struct TexelSpread {
     pub warped: f64,
     /// With 2, 3 and 4 cascades, each warped as it likes best; infinity where unknown.
     pub cascades: [f64; 3],
+}
+
+/// A region whose visible objects are known, as a view has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellView {
+    /// Share of pixels that show an object which is not in the set, at most; zero for exact sets.
+    pub missed: f64,
+    /// What stands behind `missed`.
+    pub kind: Kind,
 }
 
 /// A cloud as a view has it.
@@ -247,6 +256,7 @@ pub fn check(scene: &SceneSummary, view: &ViewSummary, budget: &Budget) -> Resul
         }
     }
     number("pixels of the image", 0, view.pixels)?;
+    number("missed", 0, view.cell.map_or(0.0, |c| c.missed))?;
     let t = budget.tolerances;
     for (what, value) in [
         ("position_px", t.position_px),

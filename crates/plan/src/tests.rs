@@ -35,7 +35,7 @@ struct World {
     lit: Vec<LightView>,
     clouds: Vec<CloudSummary>,
     cloud_views: Vec<CloudView>,
-    in_cell: bool,
+    cell: Option<CellView>,
 }
 
 impl World {
@@ -50,7 +50,7 @@ impl World {
             lit: Vec::new(),
             clouds: Vec::new(),
             cloud_views: Vec::new(),
-            in_cell: lot.chance(0.3),
+            cell: lot.chance(0.3).then(|| CellView { missed: lot.log(1e-6, 1e-2), kind: Kind::Measured }),
         };
         for _ in 0..count {
             let triangles = lot.log(10.0, 1e6);
@@ -96,7 +96,7 @@ impl World {
             objects: &self.seen,
             lights: &self.lit,
             clouds: &self.cloud_views,
-            in_cell: self.in_cell,
+            cell: self.cell,
             jumped: false,
         };
         planner.plan(&scene, &view, budget, &Costs::default()).unwrap().clone()
@@ -367,7 +367,7 @@ fn one_light(change: impl FnOnce(&mut LightView)) -> Decision {
         objects: &[seen],
         lights: &[view],
         clouds: &[],
-        in_cell: false,
+        cell: None,
         jumped: false,
     };
     let (plan, _) = plan(&scene, &view, &Budget::default(), &Costs::default(), &PlanState::new()).unwrap();
@@ -443,7 +443,7 @@ fn a_still_light_keeps_its_map() {
 fn culling_pauses_longer_and_longer_where_it_is_useless() {
     let mut world = World::new(1);
     let (_, seen) = simple();
-    world.in_cell = false;
+    world.cell = None;
     world.objects = vec![(1.0, 1000.0, false); 40];
     world.details = vec![Vec::new(); 40];
     world.seen = vec![ObjectView { pixels: 1e5, ..seen }; 40];
@@ -469,6 +469,26 @@ fn culling_pauses_longer_and_longer_where_it_is_useless() {
     let d = plan.decision(Effect::Occlusion).unwrap();
     assert_eq!((d.choice, d.because.rule), (Choice::Queries, Rule::Saves));
     assert!(d.cost < Millis(-0.5), "{d}");
+}
+
+#[test]
+fn sets_that_miss_too_much_are_not_used() {
+    let mut world = World::new(1);
+    let (_, seen) = simple();
+    world.objects = vec![(1.0, 1000.0, false); 40];
+    world.details = vec![Vec::new(); 40];
+    world.seen = vec![ObjectView { pixels: 1e5, ..seen }; 40];
+    let mut choice = |missed: f64| {
+        world.cell = Some(CellView { missed, kind: Kind::Measured });
+        let mut planner = Planner::new();
+        // Queries were measured to be useless.
+        planner.state_mut().observe_culling(Millis(0.0), Millis(1.0));
+        let plan = world.plan_with(&Budget::default(), Outputs::PICTURE, &mut planner);
+        *plan.decision(Effect::Occlusion).unwrap()
+    };
+    let good = choice(1e-4);
+    assert_eq!((good.choice, good.because.rule, good.error.value), (Choice::Cells, Rule::InCell, 1e-4));
+    assert_eq!(choice(1e-2).choice, Choice::Nothing);
 }
 
 #[test]
@@ -498,7 +518,7 @@ fn meaningless_numbers_are_refused_by_name() {
             objects: &[seen],
             lights: &[lit],
             clouds: &[],
-            in_cell: false,
+            cell: None,
             jumped: false,
         };
         plan(&scene, &view, &budget, &Costs::default(), &PlanState::new()).unwrap_err().to_string()
@@ -536,7 +556,7 @@ fn meaningless_numbers_are_refused_by_name() {
         objects: &[],
         lights: &[],
         clouds: &[],
-        in_cell: false,
+        cell: None,
         jumped: false,
     };
     let error = plan(&scene, &view, &fine, &Costs::default(), &PlanState::new()).unwrap_err();

@@ -1,10 +1,11 @@
 //! Whether looking for what is hidden is worth it: by measurement, with longer and longer pauses where it is not.
 
-use crate::candidate::BAND;
+use crate::candidate::{BAND, strain};
 use crate::choice::{Choice, Class, Reason, Rejected, Rule};
 use crate::state::Culling;
-use crate::summary::ViewSummary;
+use crate::summary::{Tolerances, ViewSummary};
 use farsight_geometry::Millis;
+use farsight_geometry::accuracy::{ErrorBound, Norm, Unit};
 
 /// Fewer objects are drawn sooner than asked about.
 const FEW: f64 = 8.0;
@@ -16,6 +17,9 @@ pub struct Occlusion {
     pub choice: Choice,
     pub because: Reason,
     pub rejected: Option<Rejected>,
+    /// What sets computed beforehand may miss.
+    pub error: ErrorBound,
+    pub strain: f64,
     /// Time that it takes, and that is not spent on hidden objects thanks to it.
     pub spent: Millis,
     saved: Millis,
@@ -29,7 +33,7 @@ impl Occlusion {
 }
 
 /// Decides from what culling did in earlier frames.
-pub fn decide(view: &ViewSummary, culling: &Culling) -> Occlusion {
+pub fn decide(view: &ViewSummary, culling: &Culling, tolerances: &Tolerances) -> Occlusion {
     let in_view = view.objects.iter().filter(|o| o.in_view);
     let (count, pixels) = in_view.fold((0.0, 0.0), |(n, px), o| (n + 1.0, px + o.pixels));
     if count < FEW {
@@ -41,25 +45,40 @@ pub fn decide(view: &ViewSummary, culling: &Culling) -> Occlusion {
     }
     let (queries, because) = queries(culling, view.jumped);
     let (saved, spent) = if queries { culling.measured.unwrap_or_default() } else { Default::default() };
-    let choice = match (view.in_cell, queries) {
+    // Sets that may miss something are used as they are or not at all, whatever the time.
+    let cell = view.cell.filter(|c| strain(c.missed, tolerances.area_shade) <= 1.0);
+    let choice = match (cell.is_some(), queries) {
         (false, false) => Choice::Nothing,
         (false, true) => Choice::Queries,
         (true, false) => Choice::Cells,
         (true, true) => Choice::CellsAndQueries,
     };
-    let other = if queries { Choice::Nothing } else { Choice::Queries };
-    if choice == Choice::Cells {
-        let known = Reason::new(Class::Dominated, Rule::InCell, 0.0, 0.0);
-        let rejected = Some(Rejected { choice: Choice::CellsAndQueries, because });
-        return Occlusion { choice, because: known, rejected, spent, saved };
-    }
+    let other = match choice {
+        Choice::Nothing => Choice::Queries,
+        Choice::Queries => Choice::Nothing,
+        Choice::Cells => Choice::CellsAndQueries,
+        _ => Choice::Cells,
+    };
     let rejected = Some(Rejected { choice: other, because });
-    Occlusion { choice, because, rejected, spent, saved }
+    let Some(cell) = cell else {
+        return Occlusion { choice, because, rejected, spent, saved, strain: 0.0, error: exact() };
+    };
+    let missed = strain(cell.missed, tolerances.area_shade);
+    let known = Reason::new(Class::Dominated, Rule::InCell, missed, 1.0);
+    let error =
+        ErrorBound { kind: cell.kind, norm: Norm::Mean, ..ErrorBound::proven(cell.missed, Unit::Fraction) };
+    let because = if queries { because } else { known };
+    Occlusion { choice, because, rejected, spent, saved, strain: missed, error }
+}
+
+fn exact() -> ErrorBound {
+    ErrorBound::proven(0.0, Unit::Pixels)
 }
 
 fn without(because: Reason) -> Occlusion {
     let none = Millis::ZERO;
-    Occlusion { choice: Choice::Nothing, because, rejected: None, spent: none, saved: none }
+    let choice = Choice::Nothing;
+    Occlusion { choice, because, rejected: None, spent: none, saved: none, strain: 0.0, error: exact() }
 }
 
 /// Whether to query, and why.
