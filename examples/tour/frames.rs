@@ -1,5 +1,7 @@
 //! One frame: planned, its shadow map where the sun can be seen to matter, then the picture.
 
+use crate::built::Built;
+use crate::cells::Cells;
 use crate::cull::Visibility;
 use crate::forms::Forms;
 use crate::planning::{Planning, form};
@@ -52,6 +54,7 @@ struct Sun {
 pub struct Renderer<'a> {
     scene: &'a Scene,
     forms: &'a Forms,
+    cells: &'a Cells,
     bounds: &'a [DAabb],
     hierarchy: Bvh,
     visibility: Visibility<'a>,
@@ -67,10 +70,10 @@ pub struct Renderer<'a> {
 }
 
 impl<'a> Renderer<'a> {
-    /// Prepares a scene; `options` must not name shadows, textures or forms.
+    /// Prepares a scene for which something was built; `options` must not name shadows, textures or forms.
     pub fn new(
         scene: &'a Scene,
-        forms: &'a Forms,
+        built: &'a Built,
         bounds: &'a [DAabb],
         size: [u32; 2],
         options: RenderOptions<'a>,
@@ -81,11 +84,12 @@ impl<'a> Renderer<'a> {
         let sun = matches!(scene.lights().first(), Some(Light::Directional { .. }));
         Ok(Self {
             scene,
-            forms,
+            forms: &built.forms,
+            cells: &built.cells,
             bounds,
             hierarchy: Bvh::build(bounds)?,
             visibility: Visibility::new(scene, bounds, width, height)?,
-            planning: Planning::new(scene, forms, sun.then_some(map_side), width * height, budget)?,
+            planning: Planning::new(scene, &built.forms, sun.then_some(map_side), width * height, budget)?,
             textures: mip_maps(scene),
             rasteriser: Rasteriser::new(),
             focus: Focus::new(),
@@ -103,7 +107,8 @@ impl<'a> Renderer<'a> {
         let sun = self.fit(camera)?;
         let light = sun.as_ref().map(|sun| self.light(sun, camera));
         let samples = f64::from(self.options.supersampling).powi(2);
-        let plan = self.planning.plan(camera, self.bounds, light, samples)?.clone();
+        let cell = self.cells.at(camera.eye());
+        let plan = self.planning.plan(camera, self.bounds, light, cell.map(|c| c.view()), samples)?.clone();
         let predicted = plan.cost + self.planning.constant();
         let choice = |effect| plan.decision(effect).map_or(Choice::Nothing, |d| d.choice);
         let forms: Vec<Option<&[[u32; 3]]>> = plan
@@ -127,9 +132,15 @@ impl<'a> Renderer<'a> {
             _ => None,
         };
 
-        let wanted = |object: &u32| plan.objects()[*object as usize].choice != Choice::Nothing;
+        let occlusion = choice(Effect::Occlusion);
+        let set =
+            cell.filter(|_| matches!(occlusion, Choice::Cells | Choice::CellsAndQueries)).map(|c| &c.set);
+        let wanted = |object: &u32| {
+            plan.objects()[*object as usize].choice != Choice::Nothing
+                && set.is_none_or(|s| s.contains(*object))
+        };
         let before = thread_cpu_time();
-        let culls = matches!(choice(Effect::Occlusion), Choice::Queries | Choice::CellsAndQueries);
+        let culls = matches!(occlusion, Choice::Queries | Choice::CellsAndQueries);
         let objects: Vec<u32> = if culls {
             let visible = self.visibility.cull(&self.hierarchy, &self.fine(camera)?, &forms);
             visible.iter().copied().filter(wanted).collect()

@@ -9,6 +9,8 @@
 //! You should see progress bars, a short table, and then `out/tour/index.html` with the frames of a camera path, a summary
 //! of the scene and plots of what each frame took. The frames also lie there as PNG, the last one's depth as EXR.
 
+mod built;
+mod cells;
 mod cloud;
 mod compare;
 mod cull;
@@ -21,6 +23,7 @@ mod planning;
 mod report;
 mod walk;
 
+use built::Built;
 use clap::Parser;
 use compare::Comparison;
 use farsight_geometry::glam::Vec3;
@@ -28,14 +31,12 @@ use farsight_geometry::io::exr::FloatImage;
 use farsight_plan::{Budget, Tolerances};
 use farsight_raster::{Image, RenderOptions, Target};
 use farsight_timing::Millis;
-use forms::Forms;
 use frames::{FrameReport, Renderer};
 use indicatif::{ProgressBar, ProgressStyle};
 use input::Input;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Instant;
 use walk::Up;
 
 #[derive(Parser)]
@@ -125,14 +126,17 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         eprintln!("warning: {warning}");
     }
 
-    let start = Instant::now();
-    let least = if options.no_plan { usize::MAX } else { forms::LEAST_TRIANGLES };
-    let forms = Forms::build(&input.scene, least)?;
-    let building = start.elapsed();
-    let frames = walk_through(options, &input, &forms)?;
+    let built = if options.no_plan {
+        Built::nothing(&input)?
+    } else {
+        let spinner = self::spinner("building");
+        let built = Built::build(&input, options.count(), |what| spinner.set_message(what))?;
+        spinner.finish_and_clear();
+        built
+    };
+    let frames = walk_through(options, &input, &built)?;
 
-    let page =
-        report::page(&input, &report.to_string(), (!options.no_plan).then_some((&forms, building)), &frames)?;
+    let page = report::page(&input, &report.to_string(), &built.steps, &frames)?;
     let index = folder.join("index.html");
     std::fs::write(&index, page).map_err(|e| format!("cannot write {}: {e}", index.display()))?;
     for row in report::frame_table(&frames) {
@@ -143,7 +147,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
 }
 
 /// Draws all frames and writes them as they come.
-fn walk_through(options: &Options, input: &Input, forms: &Forms) -> Result<Vec<Shown>, Box<dyn Error>> {
+fn walk_through(options: &Options, input: &Input, built: &Built) -> Result<Vec<Shown>, Box<dyn Error>> {
     let (count, [width, height]) = (options.count(), options.size());
     let map_side = if options.quick { 1024 } else { 4096 };
     let mut look = RenderOptions::default();
@@ -159,7 +163,7 @@ fn walk_through(options: &Options, input: &Input, forms: &Forms) -> Result<Vec<S
     let budget = options
         .limit
         .map_or(Budget::unlimited(tolerances), |limit| Budget::within(Millis(limit), tolerances));
-    let mut renderer = Renderer::new(&input.scene, forms, &bounds, [width, height], look, map_side, budget)?;
+    let mut renderer = Renderer::new(&input.scene, built, &bounds, [width, height], look, map_side, budget)?;
     let bar = ProgressBar::new(count as u64)
         .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
     bar.set_message("frames");

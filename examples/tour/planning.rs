@@ -3,8 +3,8 @@
 use crate::forms::Forms;
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
 use farsight_plan::{
-    Budget, Choice, CostModel, LightSummary, LightView, ObjectSummary, ObjectView, Outputs, Plan, PlanError,
-    Planner, SceneSummary, ViewSummary, Work,
+    Budget, CellView, Choice, CostModel, LightSummary, LightView, ObjectSummary, ObjectView, Outputs, Plan,
+    PlanError, Planner, SceneSummary, ViewSummary, Work,
 };
 use farsight_timing::{Features, Heuristic, Millis, Model, Refit, RefitOptions, TimingError};
 
@@ -96,12 +96,14 @@ impl<'a> Planning<'a> {
         })
     }
 
-    /// Plans what `camera` sees of objects within `bounds`; `light` is what is known of the sun. Every pixel has `samples` samples.
+    /// Plans what `camera` sees of objects within `bounds`; `light` is what is known of the sun, `cell` of the eye's surroundings. Every pixel has
+    /// `samples` samples.
     pub fn plan(
         &mut self,
         camera: &Camera,
         bounds: &[DAabb],
         light: Option<LightView>,
+        cell: Option<CellView>,
         samples: f64,
     ) -> Result<&Plan, PlanError> {
         let frustum = Frustum::from_camera(camera);
@@ -120,7 +122,7 @@ impl<'a> Planning<'a> {
             objects: &self.seen,
             lights,
             clouds: &[],
-            cell: None,
+            cell,
             jumped: false,
         };
         // What a frame takes whatever is in it is not to be had.

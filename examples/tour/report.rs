@@ -1,7 +1,6 @@
 //! The page about a walk through a scene.
 
 use crate::Shown;
-use crate::forms::Forms;
 use crate::frames::FrameReport;
 use crate::input::Input;
 use crate::page::Page;
@@ -13,7 +12,7 @@ use std::time::Duration;
 pub fn page(
     input: &Input,
     report: &str,
-    forms: Option<(&Forms, Duration)>,
+    built: &[(String, Duration)],
     frames: &[Shown],
 ) -> Result<String, Box<dyn Error>> {
     let scene = &input.scene;
@@ -67,20 +66,20 @@ pub fn page(
             ("without a warp", series(|f| f.shadow.as_ref().map_or(0.0, |s| s.view.texel_uniform.value))),
         ],
     )?;
-    if let Some((forms, building)) = forms {
-        decisions(&mut page, forms, building, frames);
+    if !built.is_empty() {
+        decisions(&mut page, built, frames);
     }
     Ok(page.finish())
 }
 
 /// What was decided, why, and what that saved.
-fn decisions(page: &mut Page, forms: &Forms, building: Duration, frames: &[Shown]) {
+fn decisions(page: &mut Page, built: &[(String, Duration)], frames: &[Shown]) {
+    page.heading("What was built before the walk");
+    let seconds =
+        |time: &Duration| if time.is_zero() { "".into() } else { format!("{:.2} s", time.as_secs_f64()) };
+    let rows = built.iter().map(|(what, time)| vec![what.clone(), seconds(time)]);
+    page.table(&std::iter::once(vec!["what".into(), "time".into()]).chain(rows).collect::<Vec<_>>());
     page.heading("What was decided, and what that saved");
-    let (count, triangles) = forms.count();
-    page.paragraph(&format!(
-        "Before the walk: {count} coarser forms of the meshes with {triangles} triangles in {:.2} s, each with a proven error.",
-        building.as_secs_f64()
-    ));
     page.table(&decision_table(frames));
     page.paragraph(
         "Some frames were drawn without a plan as well: all triangles of all objects in view, and the largest shadow map. \

@@ -40,6 +40,8 @@ pub enum Walk {
     Around { bounds: DAabb, up: Up, inside: Option<[DVec3; 2]> },
 }
 
+/// Share of the frames in the town's streets.
+const STREET: f64 = 0.7;
 /// Share of the frames that look from outside where there is an inside to see.
 const OUTSIDE: f64 = 0.5;
 /// Full vertical opening angle.
@@ -57,12 +59,31 @@ impl Walk {
         Walk::Around { bounds, up, inside: walkway(caster, &bounds, up.axis()) }
     }
 
+    /// The viewpoints of those of `n` frames that lie between walls, where much is hidden.
+    pub fn enclosed(&self, n: usize) -> Vec<DVec3> {
+        let between = |t: f64| match self {
+            Walk::Town { .. } => t < STREET,
+            Walk::Around { inside, .. } => inside.is_some() && t > OUTSIDE,
+        };
+        let times = (0..n).map(|i| Self::time(i, n)).filter(|&t| between(t));
+        times.filter_map(|t| self.camera_at(t, 16, 9).ok()).map(|c| c.eye()).collect()
+    }
+
+    /// Time along the walk, from 0 to 1.
+    fn time(i: usize, n: usize) -> f64 {
+        if n > 1 { i as f64 / (n - 1) as f64 } else { 0.0 }
+    }
+
     /// The camera of frame `i` of `n`.
     pub fn camera(&self, i: usize, n: usize, width: u32, height: u32) -> Result<Camera, CameraError> {
-        let t = if n > 1 { i as f64 / (n - 1) as f64 } else { 0.0 };
+        self.camera_at(Self::time(i, n), width, height)
+    }
+
+    fn camera_at(&self, t: f64, width: u32, height: u32) -> Result<Camera, CameraError> {
         let (eye, target, up, scale) = match self {
             Walk::Town { street, rise } => {
-                let (eye, target) = if t < 0.7 { street.at(t / 0.7) } else { rise.at((t - 0.7) / 0.3) };
+                let (eye, target) =
+                    if t < STREET { street.at(t / STREET) } else { rise.at((t - STREET) / (1.0 - STREET)) };
                 (eye, target, DVec3::Z, 100.0)
             }
             Walk::Around { bounds, up, inside: Some([from, to]) } if t > OUTSIDE => {

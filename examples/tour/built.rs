@@ -1,0 +1,54 @@
+//! What is built before the walk, so that frames have something to choose from.
+
+use crate::cells::Cells;
+use crate::forms::{Forms, LEAST_TRIANGLES};
+use crate::input::Input;
+use farsight_geometry::ray::SceneCaster;
+use std::error::Error;
+use std::time::{Duration, Instant};
+
+/// Everything that was built.
+pub struct Built {
+    pub forms: Forms,
+    pub cells: Cells,
+    /// What was done, in words, and how long it took.
+    pub steps: Vec<(String, Duration)>,
+}
+
+impl Built {
+    /// Nothing: frames draw everything in full.
+    pub fn nothing(input: &Input) -> Result<Self, Box<dyn Error>> {
+        let forms = Forms::build(&input.scene, usize::MAX)?;
+        Ok(Self { forms, cells: Cells::default(), steps: Vec::new() })
+    }
+
+    /// Coarser forms of the meshes, and sets of what can be seen from around the walk's viewpoints. `tell` hears what is being done.
+    pub fn build(input: &Input, frames: usize, tell: impl Fn(&'static str)) -> Result<Self, Box<dyn Error>> {
+        tell("coarser forms");
+        let start = Instant::now();
+        let forms = Forms::build(&input.scene, LEAST_TRIANGLES)?;
+        let (count, triangles) = forms.count();
+        let text = format!(
+            "{count} coarser forms of the meshes with {triangles} triangles, each with a proven error"
+        );
+        let mut steps = vec![(text, start.elapsed())];
+
+        tell("visible sets");
+        let start = Instant::now();
+        let caster = SceneCaster::new(&input.scene)?;
+        let cells = Cells::bake(&input.scene, &caster, &input.walk, frames)?;
+        steps.extend(cells.iter().map(|cell| {
+            let bound = cell.missed.map_or("unknown".into(), |m| format!("{:.2} ‰", 1e3 * m.bound.value));
+            let (seen, all) = (cell.set.len(), input.scene.instances().len());
+            let text = format!(
+                "{seen} of {all} objects can be seen from around a viewpoint; share of pixels missed at most {bound}, {} rays",
+                cell.rays
+            );
+            (text, Duration::ZERO)
+        }));
+        if cells.iter().next().is_some() {
+            steps.push(("all these sets".into(), start.elapsed()));
+        }
+        Ok(Self { forms, cells, steps })
+    }
+}
