@@ -38,10 +38,10 @@ impl Built {
         let caster = SceneCaster::new(&input.scene)?;
         let cells = Cells::bake(&input.scene, &caster, &input.walk, frames)?;
         steps.extend(cells.iter().map(|cell| {
-            let bound = cell.missed.map_or("unknown".into(), |m| format!("{:.2} ‰", 1e3 * m.bound.value));
+            let bound = 1e3 * cell.missed.bound.value;
             let (seen, all) = (cell.set.len(), input.scene.instances().len());
             let text = format!(
-                "{seen} of {all} objects can be seen from around a viewpoint; share of pixels missed at most {bound}, {} rays",
+                "{seen} of {all} objects can be seen from around a viewpoint; share of pixels missed at most {bound:.2} ‰, {} rays",
                 cell.rays
             );
             (text, Duration::ZERO)

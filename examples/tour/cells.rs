@@ -14,10 +14,10 @@ use std::error::Error;
 const MOST_TRIANGLES: u64 = 4_000_000;
 /// Half the side of the cells, as a share of the scene's diagonal: room for a step in every direction.
 const STEP: f64 = 1e-3;
-/// Share of missed pixels to prove, with which confidence, within how many rays.
-const MISSED: f64 = 0.001;
+/// Rays to find what is seen, and rays to see what was missed, with which confidence.
+const RAYS: u64 = 300_000;
+const LOOKS: u64 = 20_000;
 const CONFIDENCE: f64 = 0.95;
-const MOST_RAYS: u64 = 400_000;
 
 /// Sets along a walk.
 #[derive(Default)]
@@ -29,7 +29,7 @@ pub struct Cells {
 pub struct Cell {
     region: DAabb,
     pub set: Pvs,
-    pub missed: Option<Missed>,
+    pub missed: Missed,
     pub rays: u64,
 }
 
@@ -52,9 +52,9 @@ impl Cells {
         let bake = |region: &DAabb| -> Result<Cell, farsight_visibility::VisibilityError> {
             let cell = ViewCell::from_box(region)?;
             let mut sampler = Sampler::new(&triangles, Occluders::opaque(caster), &cell, Options::default())?;
-            sampler.run(&Budget::missed(MISSED, CONFIDENCE, MOST_RAYS)?);
-            let (set, missed) = (sampler.pvs(), sampler.missed());
-            Ok(Cell { region: *region, set, missed, rays: sampler.rays() })
+            sampler.run(&Budget::rays(RAYS));
+            let missed = sampler.validate(LOOKS, CONFIDENCE)?;
+            Ok(Cell { region: *region, set: sampler.pvs(), missed, rays: sampler.rays() })
         };
         Ok(Self { cells: regions.par_iter().map(bake).collect::<Result<_, _>>()? })
     }
@@ -73,7 +73,6 @@ impl Cells {
 impl Cell {
     /// What the planner is told.
     pub fn view(&self) -> CellView {
-        let missed = self.missed.map_or(1.0, |m| m.bound.value);
-        CellView { missed, kind: farsight_plan::Kind::Measured }
+        CellView { missed: self.missed.bound.value, kind: self.missed.bound.kind }
     }
 }
