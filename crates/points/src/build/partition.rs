@@ -51,9 +51,13 @@ const PIECE_WORDS: usize = 1 << 17;
 pub(super) struct Held(AtomicUsize);
 
 impl Held {
+    fn words(&self) -> usize {
+        self.0.load(Ordering::Relaxed)
+    }
+
     /// The same in bytes.
     pub fn bytes(&self) -> u64 {
-        8 * self.0.load(Ordering::Relaxed) as u64
+        8 * self.words() as u64
     }
 
     fn add(&self, words: usize) -> usize {
@@ -272,8 +276,7 @@ impl<'a> Lane<'a> {
 
     fn spill(&mut self, bucket: usize, scratch: &Scratch) -> Result<(), PointsError> {
         if self.file.is_none() {
-            let (file, path) = scratch.create(&free_name(scratch))?;
-            self.file = Some((Arc::new(SpillFile { file, path }), 0));
+            self.file = Some(spill_file(scratch)?);
         }
         let (file, end) = self.file.as_mut().expect("just made");
         let mut pieces = Vec::new();
@@ -291,7 +294,8 @@ impl<'a> Lane<'a> {
             }
             Ok::<(), PointsError>(())
         };
-        for mut chunk in self.full[bucket].drain(..) {
+        // The list goes with its chunks: in a scan every bucket is the fullest once, and all their lists would not be small.
+        for mut chunk in std::mem::take(&mut self.full[bucket]) {
             if together.len() + chunk.len() > PIECE_WORDS {
                 write(&mut together)?;
             }
@@ -321,6 +325,12 @@ impl<'a> Lane<'a> {
             bucket.points += (words / target.words) as u64;
         }
     }
+}
+
+/// A new spill file, and where it ends.
+fn spill_file(scratch: &Scratch) -> Result<(Arc<SpillFile>, u64), PointsError> {
+    let (file, path) = scratch.create(&free_name(scratch))?;
+    Ok((Arc::new(SpillFile { file, path }), 0))
 }
 
 /// A name for a spill file that is not taken, not even by an earlier process.
@@ -408,13 +418,23 @@ pub(super) fn split_large<const W: usize>(
     abort: &Abort<'_>,
 ) -> Result<Vec<Bucket>, PointsError> {
     let mut done = Vec::with_capacity(buckets.len());
+    let mut overflow = None;
     buckets.reverse();
     while let Some(bucket) = buckets.pop() {
         if bucket.points <= limits.bucket_points || bucket.cell.level == bits {
             done.push(bucket);
             continue;
         }
-        let parts = split::<W>(bucket, bits, limits, scratch, held, abort)?;
+        let mut parts = split::<W>(bucket, bits, limits, scratch, held, abort)?;
+        // Lanes end with each split, and what they hand over is nobody's to evict any more.
+        if let Some(scratch) = scratch.filter(|_| held.words() > limits.resident) {
+            let (file, end) = match &mut overflow {
+                Some(file) => file,
+                none => none.insert(spill_file(scratch)?),
+            };
+            let mut pieces = parts.iter_mut().flat_map(|p| &mut p.pieces);
+            pieces.try_for_each(|piece| piece.spill_to(file, end, held))?;
+        }
         buckets.extend(parts.into_iter().rev());
     }
     Ok(done)
