@@ -1,6 +1,6 @@
 //! Impostors: a picture on a plane through the object that faces the eye it was made for, and how wrong it is for another eye.
 
-use crate::angle::{distance, view_angle};
+use crate::angle::{distance, turn_sine};
 use crate::{LodError, Placement};
 use farsight_geometry::accuracy::{ErrorBound, Unit};
 use farsight_geometry::convex::hull_2d;
@@ -266,7 +266,7 @@ impl ImpostorView {
     /// # Accuracy
     /// Proven for every point that is in the image in either place, rounding included. The point P was moved along its line of sight from the old eye by at most
     /// δ, so that the two lines of sight from the new eye enclose an angle ψ with sin ψ ≤ δ·sin θ / d, θ the angle under which P sees the two eyes
-    /// ([`view_angle`]) and d a distance from the new eye that no shown point falls below. Infinite with an eye so near that this says nothing.
+    /// ([`view_angle`](crate::view_angle)) and d a distance from the new eye that no shown point falls below. Infinite with an eye so near that this says nothing.
     pub fn parallax(&self, placement: &Placement, camera: &Camera) -> ErrorBound {
         let sine = self
             .parallax_sine(placement.to_rigid(camera.eye()), placement.rounding(camera.eye(), &self.bounds));
@@ -280,11 +280,10 @@ impl ImpostorView {
         if box_distance.is_nan() || box_distance <= offset {
             return f64::INFINITY;
         }
-        let theta = view_angle(&self.bounds, self.eye, eye);
         // The line from the new eye to a shown point: not shorter than to the picture, nor than to the object less the way between.
         let to_picture = self.distance_to_picture(eye) * (1.0 - 1e-12) - rounding;
         let nearest = to_picture.max(box_distance - offset);
-        let turned = self.offset * theta.min(std::f64::consts::FRAC_PI_2).sin();
+        let turned = self.offset * turn_sine(&self.bounds, self.eye, eye);
         (turned * (1.0 + 1e-12) + 2.0 * rounding) / nearest
     }
 
