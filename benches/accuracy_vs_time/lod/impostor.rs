@@ -62,8 +62,7 @@ fn row(scene: &str, mesh: &TriangleMesh, cameras: &[Camera], px: f64) -> Row {
         let fits = |(view, _): &(ImpostorView, _)| view.parallax(&placement, camera).value <= px;
         if !picture.as_ref().is_some_and(fits) {
             let options = ImpostorOptions::default();
-            let view =
-                ImpostorView::new(camera.eye(), &bounds, &points, camera, &options).expect("far enough");
+            let view = ImpostorView::new(&placement, &bounds, &points, camera, &options).expect("far enough");
             let image = renderer.render(0, &view, &placement, mesh.triangles()).expect("a small picture");
             (pictures, bytes) = (pictures + 1, view.bytes());
             picture = Some((view, image));

@@ -64,12 +64,13 @@ impl Cut {
         tolerance: &Tolerance,
     ) -> Result<UpdateStats, LodError> {
         self.begin(hierarchy, tolerance)?;
-        let step = match self.watch.seen {
-            Some((before, same)) if same == *tolerance && before.is_stretched_like(observer) => {
-                before.eye.distance(observer.eye)
-            }
-            _ => f64::INFINITY,
+        let before = self.watch.seen.filter(|seen| seen.1 == *tolerance).map(|seen| seen.0);
+        let known = before.and_then(|before| Some((before.eye, observer.stretched_as(&before)?)));
+        let (step, observer) = match known {
+            Some((eye, observer)) => (eye.distance(observer.eye), observer),
+            None => (f64::INFINITY, *observer),
         };
+        let observer = &observer;
         self.watch.seen = Some((*observer, *tolerance));
         if step == 0.0 {
             return Ok(self.stats);

@@ -191,7 +191,7 @@ fn optimum(mesh: &TriangleMesh, eyes: &[DVec3], model: Model, options: &Approxim
                 best[i] = f64::min(best[i], sum + best[j]);
                 let serves = |eye: DVec3| {
                     let camera = self::camera(eye);
-                    Now { options, bounds, placement, camera: &camera, eye }.serves(&made, eye)
+                    Now { options, bounds, placement, camera: &camera, eye }.judge(&made).is_some()
                 };
                 if j < eyes.len() && !serves(eyes[j]) {
                     break;
@@ -342,6 +342,9 @@ fn hard_cases_are_drawn_with_a_bounded_error() {
             assert!(shown.error.value <= 2.0 * 1.25 * 1.01 + 2.3, "{}: {}", hard.name, shown.error);
             pictures += u32::from(shown.approximation.kind() == Kind::Impostor);
             uncached += u32::from(!shown.cached);
+            if i == 60 {
+                assert!(shown.fresh, "stretched otherwise, it is another shape");
+            }
             if i == 90 {
                 assert!(shown.fresh, "another version is another geometry");
                 approximations.keep_version(1, 1);
@@ -368,4 +371,37 @@ fn options_out_of_range_are_named() {
         let error = Approximations::<u32>::new(1, options).unwrap_err();
         assert!(error.to_string().contains(name), "{error}");
     }
+}
+
+/// What moves between an object and its picture ends the picture, though the eye stands still.
+#[test]
+fn a_picture_ends_when_something_comes_between() {
+    let mesh = hard_cases::bumpy_ball(10);
+    let hierarchy = VertexHierarchy::build(&mesh).unwrap();
+    let placement = Placement::new(&DAffine3::IDENTITY, mesh.origin()).unwrap();
+    let mut cut = Cut::new(&hierarchy);
+    let mut engine = Model { ns_per_triangle: 4000, create_us: 10, separable: true, rendered: 0 };
+    let mut approximations = Approximations::new(1 << 26, ApproximationOptions::default()).unwrap();
+    let kinds: Vec<Kind> = (0..30)
+        .map(|i| {
+            engine.separable = !(10..20).contains(&i);
+            approximations.next_frame();
+            let mut subject = Subject {
+                object: 0,
+                version: 0,
+                view: 0,
+                light: LightKey::custom(0),
+                mesh: &mesh,
+                hierarchy: &hierarchy,
+                cut: &mut cut,
+                placement: &placement,
+            };
+            let eye = DVec3::X * 30.0;
+            approximations.approximate(&mut subject, &camera(eye), &mut engine).unwrap().approximation.kind()
+        })
+        .collect();
+    assert!(kinds[1..10].iter().all(|k| *k == Kind::Impostor));
+    assert!(kinds[10..20].iter().all(|k| *k == Kind::Geometry));
+    assert_eq!(kinds[29], Kind::Impostor, "and serves again");
+    assert_eq!(engine.rendered, 1);
 }
