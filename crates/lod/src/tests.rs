@@ -203,7 +203,7 @@ fn no_point_moves_farther_than_promised() {
 }
 
 /// Where what stands for a vertex is, found by descending.
-fn place_of(h: &VertexHierarchy, cut: &Cut, vertex: usize) -> DVec3 {
+pub(crate) fn place_of(h: &VertexHierarchy, cut: &Cut, vertex: usize) -> DVec3 {
     let mut node = 0;
     while cut.is_unfolded(node) {
         match h.children(node).find(|&c| h.vertices_of(c).contains(&vertex)) {
