@@ -266,12 +266,17 @@ fn bound(nodes: &mut [Node], place_of: &[u32], vertices: &[u32], positions: &[Ve
         let node = nodes[id];
         let representative = place_of[node.representative as usize];
         let center = positions[representative as usize].as_dvec3();
-        let (mut radius, mut reach) = (0.0f64, 0.0f64);
-        for v in node.first_vertex..end_of(nodes, id as u32, vertices.len()) {
-            let d = positions[v as usize].as_dvec3().distance(center);
-            radius = radius.max(d);
-            reach = reach.max(d + reach_of[v as usize]);
+        let (mut radius_sq, mut reach) = (0.0f64, 0.0f64);
+        for v in node.first_vertex as usize..end_of(nodes, id as u32, vertices.len()) as usize {
+            let d_sq = positions[v].as_dvec3().distance_squared(center);
+            radius_sq = radius_sq.max(d_sq);
+            // A root only where it may matter.
+            let missing = reach - reach_of[v];
+            if missing < 0.0 || d_sq > missing * missing {
+                reach = reach.max(d_sq.sqrt() + reach_of[v]);
+            }
         }
+        let radius = radius_sq.sqrt();
         cones.clear();
         let (mut child, mut own_end) = (id + 1, end_of(nodes, id as u32, vertices.len()));
         while child < node.end as usize {
