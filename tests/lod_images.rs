@@ -89,9 +89,8 @@ fn pictures_show_the_object_where_it_is_within_the_claimed_parallax() {
         let mut options = ImpostorOptions::default();
         (options.depth, options.texels_per_px) = (i % 2 == 0, 2.0);
         let in_frame = placement.bounds(&meshes[0].bounds());
-        let made_for = placement.to_rigid(first.eye());
-        let view =
-            ImpostorView::new(made_for, &in_frame, &points(&meshes[0], placement), &first, &options).unwrap();
+        let view = ImpostorView::new(placement, &in_frame, &points(&meshes[0], placement), &first, &options)
+            .unwrap();
         let image = renderer.render(0, &view, placement, meshes[0].triangles()).unwrap();
         let step = (DVec3::from_array(random.units()) * 2.0 - 1.0) * bounds.diagonal() * 0.05;
         for (eye, still) in [(first.eye(), true), (first.eye() + step, false)] {
@@ -171,9 +170,8 @@ fn pictures_with_depth_let_others_stand_between() {
     for (with_depth, wrong) in [false, true].into_iter().zip(&mut wrong) {
         let mut options = ImpostorOptions::default();
         options.depth = with_depth;
-        let made_for = placement.to_rigid(camera.eye());
         let view =
-            ImpostorView::new(made_for, &bounds, &points(&meshes[0], placement), &camera, &options).unwrap();
+            ImpostorView::new(placement, &bounds, &points(&meshes[0], placement), &camera, &options).unwrap();
         let separable = farsight_lod::is_separable(&bvh, &view.slab(placement), 0, |_| false);
         assert!(!separable, "the post is in the way");
         let image = renderer.render(0, &view, placement, meshes[0].triangles()).unwrap();

@@ -1,4 +1,6 @@
-//! The vertex hierarchy: tolerance in pixels against what points really move on the image, and what vanishes from it.
+//! The vertex hierarchy: tolerance in pixels against what points really move on the image, and what vanishes from it. Impostors: parallax against how long they serve.
+
+mod impostor;
 
 use super::row::{Row, timed};
 use farsight_geometry::accuracy::{Counters, ErrorBound, Norm, Unit};
@@ -14,7 +16,9 @@ pub fn rows(quick: bool) -> Vec<Row> {
     let size = if quick { [480, 270] } else { [1920, 1080] };
     let ball = hard_cases::bumpy_ball(if quick { 24 } else { 91 });
     let terrain = terrain(quick);
-    [("ball", ball), ("terrain", terrain)].iter().flat_map(|(name, mesh)| of_mesh(name, mesh, size)).collect()
+    let meshes = [("ball", ball), ("terrain", terrain)];
+    let cuts = meshes.iter().flat_map(|(name, mesh)| of_mesh(name, mesh, size));
+    cuts.chain(impostor::rows(quick, size)).collect()
 }
 
 fn terrain(quick: bool) -> TriangleMesh {

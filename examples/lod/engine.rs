@@ -152,8 +152,7 @@ impl<'a> Renderer<'a> {
         let points: Vec<DVec3> =
             mesh.corner_iter().flatten().map(|p| *placement.stretch() * p.as_dvec3()).collect();
         let box_in_frame = placement.bounds(&mesh.bounds());
-        let view =
-            ImpostorView::new(placement.to_rigid(near.eye()), &box_in_frame, &points, &near, &options)?;
+        let view = ImpostorView::new(placement, &box_in_frame, &points, &near, &options)?;
         let [width, height] = view.size();
         let texels = width * height;
         self.rates.fill = pixels as f64 / f64::from(texels);

@@ -3,8 +3,10 @@
 //! ```text
 //! cargo run --release --manifest-path benches/peers/Cargo.toml                             vertex counts
 //! cargo run --release --manifest-path benches/peers/Cargo.toml -- simplification           simplification; add --quick for smaller surfaces
+//! cargo run --release --manifest-path benches/peers/Cargo.toml -- lod                      level of detail; the same
 //! ```
 
+mod lod;
 mod simplification;
 mod vertex_cache;
 
@@ -22,7 +24,11 @@ fn main() -> ExitCode {
             simplification::report(&arguments[1..]);
             return ExitCode::SUCCESS;
         }
-        Some(other) => eprintln!("'{other}' is not a comparison; there is 'simplification'"),
+        Some("lod") => {
+            lod::report(&arguments[1..]);
+            return ExitCode::SUCCESS;
+        }
+        Some(other) => eprintln!("'{other}' is not a comparison; there are 'lod' and 'simplification'"),
     }
     ExitCode::FAILURE
 }

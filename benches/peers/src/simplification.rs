@@ -5,7 +5,7 @@
 
 mod peer;
 mod plot;
-mod surfaces;
+pub mod surfaces;
 
 use farsight_geometry::TriangleMesh;
 use farsight_geometry::distance::{HausdorffOptions, hausdorff};

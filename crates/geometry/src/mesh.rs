@@ -212,11 +212,13 @@ impl TriangleMesh {
     }
 
     /// Positions relative to [`origin`](Self::origin).
+    #[inline]
     pub fn positions(&self) -> &[Vec3] {
         &self.positions
     }
 
     /// Vertex indices of each triangle.
+    #[inline]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
@@ -245,6 +247,7 @@ impl TriangleMesh {
     ///
     /// # Panics
     /// When there is no such triangle.
+    #[inline]
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|i| self.positions[i as usize])
     }

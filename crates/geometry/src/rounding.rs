@@ -60,22 +60,26 @@ pub fn sqrt_down(a: f64) -> f64 {
 }
 
 /// The next number above, so that a rounded-to-nearest result becomes an upper bound.
+#[inline]
 pub fn up(x: f64) -> f64 {
     x.next_up()
 }
 
 /// The next number below, so that a rounded-to-nearest result becomes a lower bound.
+#[inline]
 pub fn down(x: f64) -> f64 {
     x.next_down()
 }
 
 /// The smallest `f32` that is not below `x`.
+#[inline]
 pub fn f32_up(x: f64) -> f32 {
     let r = x as f32;
     if f64::from(r) < x { r.next_up() } else { r }
 }
 
 /// The largest `f32` that is not above `x`.
+#[inline]
 pub fn f32_down(x: f64) -> f32 {
     let r = x as f32;
     if f64::from(r) > x { r.next_down() } else { r }

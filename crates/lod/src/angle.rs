@@ -36,6 +36,24 @@ pub fn view_angle(bounds: &DAabb, from: DVec3, to: DVec3) -> f64 {
     (2.0 * (0.5 * way / distance).atan() * (1.0 + 1e-15)).min(std::f64::consts::PI)
 }
 
+/// Largest sine of the angles under which points of the box see the way between two eyes, never below the truth: the smaller of two bounds.
+///
+/// The first is that of [`view_angle`]. For the second, the sine is ∣(p − a) × (b − a)∣ over the product of both distances; the numerator is convex in p, so a
+/// corner has its maximum. It is by far the smaller one for an eye that comes nearer or draws back.
+pub(crate) fn turn_sine(bounds: &DAabb, from: DVec3, to: DVec3) -> f64 {
+    let first = view_angle(bounds, from, to).min(std::f64::consts::FRAC_PI_2).sin() * (1.0 + 1e-15);
+    let way = to - from;
+    let across = bounds.corners().iter().fold(0.0f64, |most, &c| {
+        let ray = c - from;
+        most.max(ray.cross(way).length() + 1e-15 * ray.length() * way.length())
+    });
+    let size = bounds.min.abs().max(bounds.max.abs()).max_element() + from.length() + to.length();
+    let below = |eye: DVec3| (distance(bounds, eye) - 4.0 * f64::EPSILON * size).max(0.0);
+    let second = across * (1.0 + 1e-14) / (below(from) * below(to));
+    // Not a number inside of the box.
+    if second < first { second } else { first }
+}
+
 /// Largest angle under which a *corner* of the box sees two eyes: the test of the paper, kept for comparison. It is no bound for the other points.
 ///
 /// # References
@@ -150,6 +168,7 @@ mod tests {
         let (mut tightest, mut closest) = (0.0f64, 0.0f64);
         configurations(5, 4000, |bounds, from, to, random| {
             let (angle, ratio) = (view_angle(bounds, from, to), growth(bounds, from, to));
+            let sine = turn_sine(bounds, from, to);
             for _ in 0..200 {
                 // Corners and faces as often as the inside.
                 let u: [f64; 3] = random.units();
@@ -157,6 +176,8 @@ mod tests {
                 let p = in_box(bounds, u);
                 let seen = angle_at(p, from, to);
                 assert!(seen <= angle, "{seen} {angle}");
+                // Rounding of the seen angle, a difference of directions that may be almost equal.
+                assert!(seen.sin() <= sine + 1e-15, "{} {sine}", seen.sin());
                 let grown = p.distance(from) / p.distance(to);
                 assert!(grown <= ratio, "{grown} {ratio}");
                 (tightest, closest) = (tightest.max(seen / angle), closest.max(grown / ratio));

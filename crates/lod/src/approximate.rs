@@ -4,9 +4,10 @@ use crate::angle::{corner_angle, growth};
 use crate::approximation::{Approximation, ApproximationOptions, ParallaxTest};
 use crate::cache::{Cache, CacheStats, Inserted, Key, LightKey};
 use crate::decide::{Choice, Costs, Decision, Forecast, Kind, Reason, decide, frames_until};
+use crate::placement::SAME_STRETCH;
 use crate::{Cut, ImpostorRenderer, ImpostorView, LodError, Placement, Tolerance, VertexHierarchy};
-use farsight_geometry::accuracy::ErrorBound;
-use farsight_geometry::{Camera, DAabb, Frustum, TriangleMesh};
+use farsight_geometry::accuracy::{ErrorBound, Unit};
+use farsight_geometry::{Camera, DAabb, Frustum, TriangleMesh, rounding};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
@@ -193,7 +194,7 @@ impl<I> Approximations<I> {
     ) -> Result<Shown<'_, I>, ApproximationError<E::Error>> {
         let placement = *subject.placement;
         let eye = placement.to_rigid(camera.eye());
-        let bounds = placement.bounds(&subject.mesh.bounds());
+        let bounds = placement.bounds(subject.hierarchy.bounds());
         let now = Now { options: &self.options, bounds, placement, camera, eye };
         let key = |light| Key { object: subject.object, version: subject.version, view: subject.view, light };
         let keys = [key(LightKey::NONE), key(subject.light)];
@@ -211,10 +212,10 @@ impl<I> Approximations<I> {
         });
 
         // What was decided for stays; of its kind that with the smallest error.
-        let other = |a: &Approximation<I>| track.kind.is_some_and(|kind| kind != a.kind());
-        let found = self.cache.find(keys, |_, a| now.serves(a, eye).then(|| (other(a), now.ranking(a))));
-        let found = found.map(|(id, _)| id);
-        let serving = found.and_then(|id| self.cache.value(id));
+        let preferred = track.kind;
+        let found = find(&mut self.cache, keys, &now, preferred, subject.object, engine);
+        self.cache.count(found.is_some());
+        let serving = found.and_then(|(id, _)| self.cache.value(id));
         track.note(serving, subject, self.frame);
         let reconsidered = match serving {
             Some(Approximation::Geometry { triangles, .. })
@@ -224,8 +225,8 @@ impl<I> Approximations<I> {
             }
             _ => None,
         };
-        if let (Some(id), None) = (found, reconsidered) {
-            return Ok(shown(&self.cache, id, track, &now, None));
+        if let (Some(found), None) = (found, reconsidered) {
+            return Ok(shown(&self.cache, found, track, None));
         }
 
         let tolerance = Tolerance::pixels(self.options.tolerance_px, camera)?;
@@ -236,10 +237,19 @@ impl<I> Approximations<I> {
         let triangles = reconsidered.unwrap_or(subject.cut.triangles().len());
         track.measure(subject);
         let (decision, raw) = now.decision(subject.object, triangles, track, step, engine)?;
-        if let (Some(id), Kind::Geometry) = (found, decision.kind) {
-            return Ok(shown(&self.cache, id, track, &now, Some(decision)));
+        if let (Some(found), Kind::Geometry) = (found, decision.kind) {
+            return Ok(shown(&self.cache, found, track, Some(decision)));
         }
         if reconsidered.is_some() {
+            // A picture from before may serve again.
+            track.kind = Some(Kind::Impostor);
+            let found = find(&mut self.cache, keys, &now, track.kind, subject.object, engine);
+            let picture =
+                |&(id, _): &(u32, f64)| self.cache.value(id).is_some_and(|a| a.kind() == Kind::Impostor);
+            if let Some(found) = found.filter(picture) {
+                track.serving = None;
+                return Ok(shown(&self.cache, found, track, Some(decision)));
+            }
             subject.cut.update_kinetic(subject.hierarchy, &observer, &tolerance)?;
         }
         let made = now.make(subject, decision.kind, tolerance.tau, engine)?;
@@ -280,16 +290,42 @@ impl<I> Approximations<I> {
     }
 }
 
+/// The cached approximation that serves, is of the preferred kind if possible, and has the smallest error; and that error.
+fn find<E: Engine>(
+    cache: &mut Cache<Approximation<E::Image>>,
+    keys: &[Key],
+    now: &Now,
+    preferred: Option<Kind>,
+    object: u32,
+    engine: &mut E,
+) -> Option<(u32, f64)> {
+    let (id, (.., error)) = cache.find(keys, |_, a| {
+        let (error, rank) = now.judge(a)?;
+        // Something may have come between since the picture was made.
+        let separable = match a {
+            Approximation::Impostor { view, .. } => engine.is_separable(object, &view.slab(&now.placement)),
+            Approximation::Geometry { .. } => true,
+        };
+        let other = preferred.is_some_and(|kind| kind != a.kind());
+        separable.then_some((other, rank, error))
+    })?;
+    Some((id, error))
+}
+
 fn shown<'a, I>(
     cache: &'a Cache<Approximation<I>>,
-    id: u32,
+    (id, error): (u32, f64),
     track: &Track,
-    now: &Now,
     decision: Option<Decision>,
 ) -> Shown<'a, I> {
-    let approximation = cache.value(id).expect("it has just been found");
-    let error = approximation.error_px(&now.bounds, &now.placement, now.camera);
-    Shown { approximation, error, fresh: false, cached: true, decision, predicted_frames: track.predicted() }
+    Shown {
+        approximation: cache.value(id).expect("it has just been found"),
+        error: ErrorBound::proven(error, Unit::Pixels),
+        fresh: false,
+        cached: true,
+        decision,
+        predicted_frames: track.predicted(),
+    }
 }
 
 impl Track {
@@ -354,42 +390,50 @@ struct Now<'a> {
 }
 
 impl Now<'_> {
-    /// Whether something would serve an eye.
-    fn serves<I>(&self, approximation: &Approximation<I>, eye: DVec3) -> bool {
-        match approximation {
-            Approximation::Geometry { eye: made_for, .. } => self.geometry_serves(*made_for, eye),
-            Approximation::Impostor { view, .. } => self.impostor_serves(view, eye),
+    /// For what serves: its error in pixels, and what it is compared by, which for a picture counts half a texel more.
+    fn judge<I>(&self, approximation: &Approximation<I>) -> Option<(f64, f64)> {
+        if !approximation.is_of(&self.placement) {
+            return None;
         }
+        let (made_for, share, parallax, texel) = match approximation {
+            Approximation::Geometry { eye, share, .. } => (*eye, *share, 0.0, 0.0),
+            Approximation::Impostor { view, share, .. } => {
+                let parallax = self.parallax_if_serving(view, self.eye)?;
+                (view.eye(), *share, parallax, 0.5 * view.texel_px(self.eye, self.camera))
+            }
+        };
+        let grown = growth(&self.bounds, made_for, self.eye);
+        if approximation.kind() == Kind::Geometry && !self.is_tolerable(grown) {
+            return None;
+        }
+        let error =
+            rounding::add_up(Tolerance::displacement_px(share * grown * SAME_STRETCH, self.camera), parallax);
+        Some((error, error + texel))
     }
 
-    fn geometry_serves(&self, made_for: DVec3, eye: DVec3) -> bool {
-        let grown = growth(&self.bounds, made_for, eye);
+    /// Whether triangles serve whose displacement has grown by a factor.
+    fn is_tolerable(&self, grown: f64) -> bool {
         grown <= self.options.growth && grown * self.options.excess >= 1.0
     }
 
-    fn impostor_serves(&self, view: &ImpostorView, eye: DVec3) -> bool {
-        let o = self.options;
-        let texel = view.texel_px(eye, self.camera) * o.impostor.texels_per_px;
-        if !(texel <= o.magnification && texel * o.minification >= 1.0) {
-            return false;
-        }
-        match o.parallax {
-            ParallaxTest::Corners(limit) => corner_angle(view.bounds(), view.eye(), eye) <= limit,
-            ParallaxTest::Pixels(limit) => {
-                let rounding = self.placement.rounding(self.camera.eye(), view.bounds());
-                let sine = view.parallax_sine(eye, rounding);
-                sine.is_finite() && view.turned_px(sine, &self.placement, self.camera) <= limit
-            }
-        }
+    fn geometry_serves(&self, made_for: DVec3, eye: DVec3) -> bool {
+        self.is_tolerable(growth(&self.bounds, made_for, eye))
     }
 
-    /// What entries that serve are compared by: their error, and half a texel for a picture.
-    fn ranking<I>(&self, approximation: &Approximation<I>) -> f64 {
-        let texel = match approximation {
-            Approximation::Geometry { .. } => 0.0,
-            Approximation::Impostor { view, .. } => 0.5 * view.texel_px(self.eye, self.camera),
+    /// Parallax in pixels of a picture for an eye, if it serves that one.
+    fn parallax_if_serving(&self, view: &ImpostorView, eye: DVec3) -> Option<f64> {
+        let o = self.options;
+        let texel = view.texel_px(eye, self.camera) * o.impostor.texels_per_px;
+        if texel.is_nan() || texel > o.magnification || texel * o.minification < 1.0 {
+            return None;
+        }
+        let rounding = self.placement.rounding(self.camera.eye(), view.bounds());
+        let px = view.turned_px(view.parallax_sine(eye, rounding), &self.placement, self.camera);
+        let serves = match o.parallax {
+            ParallaxTest::Corners(limit) => corner_angle(view.bounds(), view.eye(), eye) <= limit,
+            ParallaxTest::Pixels(limit) => px <= limit,
         };
-        approximation.error_px(&self.bounds, &self.placement, self.camera).value + texel
+        serves.then_some(px)
     }
 
     /// Triangles or a picture, and for how many frames each would serve (without correction).
@@ -411,7 +455,7 @@ impl Now<'_> {
         let mut frames = [f64::from(geometry.max(1)), 0.0];
         let (mut texels, mut ratio, mut separable) = (0, f64::INFINITY, true);
         if let (Ok(view), true) = (&view, triangles > 0) {
-            let serves = |eye| self.impostor_serves(view, eye);
+            let serves = |eye| self.parallax_if_serving(view, eye).is_some();
             frames[1] = f64::from(frames_until(serves, self.eye, moved, horizon));
             let [width, height] = view.size();
             (texels, ratio) = (u64::from(width) * u64::from(height), view.resolution_ratio(self.camera));
@@ -440,7 +484,7 @@ impl Now<'_> {
     }
 
     fn view(&self, points: &[DVec3]) -> Result<ImpostorView, LodError> {
-        ImpostorView::new(self.eye, &self.bounds, points, self.camera, &self.options.impostor)
+        ImpostorView::new(&self.placement, &self.bounds, points, self.camera, &self.options.impostor)
     }
 
     fn make<E: Engine>(
@@ -452,7 +496,13 @@ impl Now<'_> {
     ) -> Result<Approximation<E::Image>, ApproximationError<E::Error>> {
         let triangles = subject.cut.triangles();
         if kind == Kind::Geometry {
-            return Ok(Approximation::Geometry { triangles: triangles.to_vec(), eye: self.eye, share });
+            let stretch = *self.placement.stretch();
+            return Ok(Approximation::Geometry {
+                triangles: triangles.to_vec(),
+                eye: self.eye,
+                stretch,
+                share,
+            });
         }
         let stretch = self.placement.stretch();
         let place = |v: &u32| subject.hierarchy.place_of(*v) as usize;

@@ -1,10 +1,11 @@
 //! What may stand for an object, how wrong that may be, and how wrong it is.
 
 use crate::angle::growth;
+use crate::placement::SAME_STRETCH;
 use crate::{DecisionOptions, ImpostorOptions, ImpostorView, Kind, LodError, Placement, Tolerance};
 use farsight_geometry::accuracy::{ErrorBound, Unit};
 use farsight_geometry::{Camera, DAabb};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// When a picture is too old.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,6 +68,8 @@ pub enum Approximation<I> {
         triangles: Vec<[u32; 3]>,
         /// The eye they were made for, in the rigid frame.
         eye: DVec3,
+        /// What the object was stretched by.
+        stretch: DMat3,
         /// Largest displacement, as a share of the distance from that eye.
         share: f64,
     },
@@ -100,15 +103,26 @@ impl<I> Approximation<I> {
         }
     }
 
+    /// Whether the object is still stretched as it was when this was made.
+    pub(crate) fn is_of(&self, placement: &Placement) -> bool {
+        match self {
+            Self::Geometry { stretch, .. } => placement.is_stretched_by(stretch),
+            Self::Impostor { view, .. } => view.is_of(placement),
+        }
+    }
+
     /// How far, in pixels of the camera's image, a shown point may be from where it belongs: displacement and, for a picture, parallax. Texels are not counted;
-    /// see [`ImpostorView::texel_px`].
+    /// see [`ImpostorView::texel_px`]. Infinite for an object that has been stretched otherwise since.
     pub fn error_px(&self, bounds: &DAabb, placement: &Placement, camera: &Camera) -> ErrorBound {
         let eye = placement.to_rigid(camera.eye());
         let (made_for, share, parallax) = match self {
             Self::Geometry { eye, share, .. } => (*eye, *share, ErrorBound::proven(0.0, Unit::Pixels)),
             Self::Impostor { view, share, .. } => (view.eye(), *share, view.parallax(placement, camera)),
         };
-        let share = share * growth(bounds, made_for, eye);
+        if !self.is_of(placement) {
+            return ErrorBound::proven(f64::INFINITY, Unit::Pixels);
+        }
+        let share = share * growth(bounds, made_for, eye) * SAME_STRETCH;
         let moved = ErrorBound::proven(Tolerance::displacement_px(share, camera), Unit::Pixels);
         moved.plus(parallax).unwrap_or(moved)
     }

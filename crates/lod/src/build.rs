@@ -44,25 +44,32 @@ impl Surroundings {
         let (mut sum, mut length, mut edges) = (vec![Vec3::ZERO; n], vec![0.0f32; n], vec![0u32; n]);
         let (mut reach, mut used) = (vec![0.0f32; n], vec![false; n]);
         for (&t, &normal) in kept.iter().zip(&normals) {
-            let corners = mesh.corners(t as usize);
+            let corners = mesh.corners(t as usize).map(|p| p.as_dvec3());
+            // Of the side across from each corner.
+            let side: [f32; 3] =
+                std::array::from_fn(|k| up(corners[(k + 1) % 3].distance(corners[(k + 2) % 3])));
             for k in 0..3 {
                 let v = mesh.triangles()[t as usize][k] as usize;
                 used[v] = true;
                 sum[v] += normal;
-                for other in [corners[(k + 1) % 3], corners[(k + 2) % 3]] {
-                    let d = up(corners[k].as_dvec3().distance(other.as_dvec3()));
-                    (length[v], edges[v]) = (length[v] + d, edges[v] + 1);
-                    reach[v] = reach[v].max(d);
-                }
+                let (left, right) = (side[(k + 1) % 3], side[(k + 2) % 3]);
+                (length[v], edges[v]) = (length[v] + left + right, edges[v] + 2);
+                reach[v] = reach[v].max(left.max(right));
             }
         }
         let axis: Vec<Vec3> = sum.iter().map(|s| s.normalize_or_zero()).collect();
-        let mut spread = vec![0.0f32; n];
+        // The normal farthest from each axis; only that one's angle is computed.
+        let mut farthest = vec![(f64::NEG_INFINITY, Vec3::ZERO); n];
         for (&t, &normal) in kept.iter().zip(&normals) {
             for v in mesh.triangles()[t as usize].map(|v| v as usize) {
-                spread[v] = spread[v].max(angle(axis[v], normal));
+                let width = width(axis[v], normal);
+                if width > farthest[v].0 {
+                    farthest[v] = (width, normal);
+                }
             }
         }
+        let spread: Vec<f32> =
+            (0..n).map(|v| if used[v] { angle(axis[v], farthest[v].1) } else { 0.0 }).collect();
         let weight = (0..n).map(|v| spread[v] * length[v] / edges[v].max(1) as f32).collect();
         Self { weight, reach, cone: axis.into_iter().zip(spread).collect(), used }
     }
@@ -83,6 +90,20 @@ fn angle(a: Vec3, b: Vec3) -> f32 {
     (a.cross(b).length().atan2(a.dot(b)) as f32 + 1e-6).min(std::f32::consts::PI)
 }
 
+/// What grows with the angle between vectors: its tangent squared up to a right angle, larger values beyond. Largest for a vector without length.
+fn width(a: Vec3, b: Vec3) -> f64 {
+    let (a, b) = (a.as_dvec3(), b.as_dvec3());
+    let (cross, dot) = (a.cross(b).length_squared(), a.dot(b));
+    if dot > 0.0 {
+        cross / (dot * dot)
+    } else if cross == 0.0 && dot == 0.0 {
+        f64::INFINITY
+    } else {
+        // Unit vectors, nearly: from 1e300 up, as the cosine falls to -1.
+        1e300 * (1.0 - dot)
+    }
+}
+
 /// The next `f32` that is not below.
 fn up(x: f64) -> f32 {
     farsight_geometry::rounding::f32_up(x)
@@ -100,7 +121,8 @@ impl Octree<'_> {
     /// Makes the node of some vertices and all below it.
     fn cluster(&mut self, range: std::ops::Range<usize>, parent: u32, level: u32) {
         let id = self.nodes.len() as u32;
-        let representative = self.heaviest(range.clone());
+        let bounds = self.bounds(range.clone());
+        let representative = self.heaviest(range.clone(), bounds);
         self.nodes.push(Node {
             parent,
             end: id + 1,
@@ -113,7 +135,7 @@ impl Octree<'_> {
             cone_axis: Vec3::ZERO,
             cone_angle: 0.0,
         });
-        for part in self.split(range, level) {
+        for part in self.split(range, bounds, level) {
             if part.len() > 1 {
                 self.cluster(part, id, level + 1);
             }
@@ -126,21 +148,18 @@ impl Octree<'_> {
 
     /// The mesh vertex that stands for all: the heaviest, then the one nearest to the middle, then by place, so that
     /// neither the order of vertices nor that of threads matters.
-    fn heaviest(&self, range: std::ops::Range<usize>) -> u32 {
-        let b = self.bounds(range.clone());
-        let middle = b.0 + (b.1 - b.0) * 0.5;
-        let key = |v: u32| {
-            let p = self.positions[v as usize];
-            (self.weight[v as usize], -p.distance_squared(middle), p)
-        };
-        let better = |a: u32, b: u32| {
-            let ((wa, da, pa), (wb, db, pb)) = (key(a), key(b));
-            let place =
-                |p: Vec3, q: Vec3| q.x.total_cmp(&p.x).then(q.y.total_cmp(&p.y)).then(q.z.total_cmp(&p.z));
-            wa.total_cmp(&wb).then(da.total_cmp(&db)).then(place(pa, pb)).is_gt()
-        };
+    fn heaviest(&self, range: std::ops::Range<usize>, (low, high): (Vec3, Vec3)) -> u32 {
         let own = &self.vertices[range];
-        own.iter().copied().reduce(|best, v| if better(v, best) { v } else { best }).unwrap_or(0)
+        let most = own.iter().map(|&v| self.weight[v as usize]).fold(f32::NEG_INFINITY, f32::max);
+        let middle = low + (high - low) * 0.5;
+        let nearer = |a: u32, b: u32| {
+            let [p, q] = [a, b].map(|v| self.positions[v as usize]);
+            let distance = |p: Vec3| p.distance_squared(middle);
+            let place = || p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z));
+            distance(p).total_cmp(&distance(q)).then_with(place).is_lt()
+        };
+        let heaviest = own.iter().copied().filter(|&v| self.weight[v as usize] == most);
+        heaviest.reduce(|best, v| if nearer(v, best) { v } else { best }).unwrap_or(own[0])
     }
 
     fn bounds(&self, range: std::ops::Range<usize>) -> (Vec3, Vec3) {
@@ -150,8 +169,12 @@ impl Octree<'_> {
     }
 
     /// Sorts vertices by the octants of their box: first those that are alone in theirs. The parts that are not empty.
-    fn split(&mut self, range: std::ops::Range<usize>, level: u32) -> Vec<std::ops::Range<usize>> {
-        let (low, high) = self.bounds(range.clone());
+    fn split(
+        &mut self,
+        range: std::ops::Range<usize>,
+        (low, high): (Vec3, Vec3),
+        level: u32,
+    ) -> Vec<std::ops::Range<usize>> {
         // Halved first, so that the largest coordinates do not overflow.
         let middle = low * 0.5 + high * 0.5;
         let octant = |p: Vec3| {
@@ -236,17 +259,24 @@ fn hang(
 
 /// Radii from all vertices of a node; cones from those of what is right below.
 fn bound(nodes: &mut [Node], place_of: &[u32], vertices: &[u32], positions: &[Vec3], around: &Surroundings) {
+    // In the tree's order, as each level asks for all.
+    let reach_of: Vec<f64> = vertices.iter().map(|&v| around.reach[v as usize].into()).collect();
     let mut cones = Vec::with_capacity(8);
     for id in (0..nodes.len()).rev() {
         let node = nodes[id];
         let representative = place_of[node.representative as usize];
         let center = positions[representative as usize].as_dvec3();
-        let (mut radius, mut reach) = (0.0f64, 0.0f64);
-        for v in node.first_vertex..end_of(nodes, id as u32, vertices.len()) {
-            let d = positions[v as usize].as_dvec3().distance(center);
-            radius = radius.max(d);
-            reach = reach.max(d + f64::from(around.reach[vertices[v as usize] as usize]));
+        let (mut radius_sq, mut reach) = (0.0f64, 0.0f64);
+        for v in node.first_vertex as usize..end_of(nodes, id as u32, vertices.len()) as usize {
+            let d_sq = positions[v].as_dvec3().distance_squared(center);
+            radius_sq = radius_sq.max(d_sq);
+            // A root only where it may matter.
+            let missing = reach - reach_of[v];
+            if missing < 0.0 || d_sq > missing * missing {
+                reach = reach.max(d_sq.sqrt() + reach_of[v]);
+            }
         }
+        let radius = radius_sq.sqrt();
         cones.clear();
         let (mut child, mut own_end) = (id + 1, end_of(nodes, id as u32, vertices.len()));
         while child < node.end as usize {

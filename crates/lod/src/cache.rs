@@ -200,11 +200,17 @@ impl<V> Cache<V> {
     /// The entry of one of the keys with the smallest error, and that error; of equals the one used last. `error` is `None` for an entry that does
     /// not serve. What is found counts as used.
     pub fn best(&mut self, keys: &[Key], error: impl FnMut(&Key, &V) -> Option<f64>) -> Option<(&V, f64)> {
-        let (id, error) = self.find(keys, error)?;
+        let found = self.find(keys, error);
+        self.count(found.is_some());
+        let (id, error) = found?;
         self.value(id).map(|value| (value, error))
     }
 
-    /// As [`best`](Self::best), by place.
+    pub(crate) fn count(&mut self, hit: bool) {
+        *(if hit { &mut self.stats.hits } else { &mut self.stats.misses }) += 1;
+    }
+
+    /// As [`best`](Self::best), by place; not counted.
     pub(crate) fn find<E: PartialOrd + Copy>(
         &mut self,
         keys: &[Key],
@@ -218,11 +224,7 @@ impl<V> Cache<V> {
                 best = Some((e, entry.time, id));
             }
         }
-        let Some((e, _, id)) = best else {
-            self.stats.misses += 1;
-            return None;
-        };
-        self.stats.hits += 1;
+        let (e, _, id) = best?;
         self.touch(id);
         Some((id, e))
     }

@@ -357,8 +357,18 @@ pub(crate) fn wants_unfolding(
     is_unfolded: bool,
 ) -> bool {
     let n = &hierarchy.nodes[node as usize];
-    let center = n.center.as_dvec3();
-    let distance = observer.distance(center);
+    wants_unfolding_from(n, observer.distance(n.center.as_dvec3()), observer, tolerance, is_unfolded)
+}
+
+/// The same from a known distance of the observer.
+#[inline]
+pub(crate) fn wants_unfolding_from(
+    n: &Node,
+    distance: f64,
+    observer: &Observer,
+    tolerance: &Tolerance,
+    is_unfolded: bool,
+) -> bool {
     let limit = |tau| limit(n, tau, tolerance, is_unfolded);
     if distance < limit(tolerance.back) {
         return true;
@@ -366,7 +376,7 @@ pub(crate) fn wants_unfolding(
     if distance >= limit(tolerance.silhouette) {
         return false;
     }
-    distance < limit(tau_of(observer.facing(n, center).class, tolerance))
+    distance < limit(tau_of(observer.facing(n, n.center.as_dvec3()).class, tolerance))
 }
 
 pub(crate) fn tau_of(class: Class, tolerance: &Tolerance) -> f64 {

@@ -3,7 +3,7 @@
 use crate::LodError;
 use crate::build;
 use crate::charts::Charts;
-use farsight_geometry::TriangleMesh;
+use farsight_geometry::{Aabb, TriangleMesh};
 #[cfg(test)]
 use glam::DVec3;
 use glam::Vec3;
@@ -60,6 +60,7 @@ pub struct VertexHierarchy {
     around: Vec<u32>,
     first_around: Vec<u32>,
     dropped: usize,
+    bounds: Aabb,
     /// For meshes with texture coordinates that are to stay usable.
     pub(crate) charts: Option<Charts>,
 }
@@ -90,6 +91,7 @@ impl VertexHierarchy {
         original: Vec<u32>,
         dropped: usize,
     ) -> Self {
+        let bounds = Aabb::from_points(positions.iter().copied());
         let mut first_around = vec![0u32; vertices.len() + 1];
         triangles.as_flattened().iter().for_each(|&v| first_around[v as usize + 1] += 1);
         (0..vertices.len()).for_each(|v| first_around[v + 1] += first_around[v]);
@@ -101,7 +103,18 @@ impl VertexHierarchy {
                 next[v as usize] += 1;
             }
         }
-        Self { nodes, vertices, positions, triangles, original, around, first_around, dropped, charts: None }
+        Self {
+            nodes,
+            vertices,
+            positions,
+            triangles,
+            original,
+            around,
+            first_around,
+            dropped,
+            bounds,
+            charts: None,
+        }
     }
 
     /// Triangles that a fully unfolded cut draws.
@@ -122,6 +135,11 @@ impl VertexHierarchy {
     /// Farthest vertex from the one that stands for the whole mesh.
     pub fn radius(&self) -> f64 {
         self.nodes[0].radius.into()
+    }
+
+    /// Box of the vertices that triangles use, relative to the mesh's origin.
+    pub fn bounds(&self) -> &Aabb {
+        &self.bounds
     }
 
     /// Memory held, in bytes.

@@ -1,6 +1,7 @@
 //! Impostors: a picture on a plane through the object that faces the eye it was made for, and how wrong it is for another eye.
 
-use crate::angle::{distance, view_angle};
+use crate::angle::{distance, turn_sine};
+use crate::placement::SAME_STRETCH;
 use crate::{LodError, Placement};
 use farsight_geometry::accuracy::{ErrorBound, Unit};
 use farsight_geometry::convex::hull_2d;
@@ -42,6 +43,8 @@ const DEPTH_BYTES: u64 = 4;
 /// [Hilbert & Brunnett 2004, section 3]; Schaufler 1995. Differs: errors are bounded in pixels, the rectangle has the smallest area of all directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImpostorView {
+    /// What stretches the object.
+    stretch: DMat3,
     eye: DVec3,
     bounds: DAabb,
     /// To the right, up, and towards the eye.
@@ -64,17 +67,16 @@ pub struct ImpostorView {
 }
 
 impl ImpostorView {
-    /// The view of an object with box `bounds`, of which `points` are drawn, for an eye; all in the rigid frame. `points` are the corners of the triangles of the
-    /// current approximation.
+    /// The view of an object for the camera's eye. `bounds` is its box, `points` are the corners of the triangles of its current approximation, all in the rigid frame.
     ///
     /// # Cost
-    /// About 10 ns a point.
+    /// About 30 ns a point.
     ///
     /// # Errors
     /// [`LodError::TooNear`] when a point is not before the eye, [`LodError::Parallel`] for a parallel camera, [`LodError::Texture`] when the picture
     /// would be larger than allowed, [`LodError::Placement`] when there is no point or a number is not finite, [`LodError::Option`] for options out of range.
     pub fn new(
-        eye: DVec3,
+        placement: &Placement,
         bounds: &DAabb,
         points: &[DVec3],
         camera: &Camera,
@@ -84,6 +86,7 @@ impl ImpostorView {
             return Err(LodError::Parallel);
         }
         options.check()?;
+        let eye = placement.to_rigid(camera.eye());
         let center = bounds.center();
         let distance = eye.distance(center);
         if points.is_empty() || !(distance.is_finite() && bounds.min.is_finite() && bounds.max.is_finite()) {
@@ -115,6 +118,7 @@ impl ImpostorView {
             DMat3::from_cols(u * direction.x + v * direction.y, v * direction.x - u * direction.y, normal);
         let texel = distance / (camera.pixels_per_unit() * options.texels_per_px);
         Self {
+            stretch: *placement.stretch(),
             eye,
             bounds: *bounds,
             axes,
@@ -266,11 +270,20 @@ impl ImpostorView {
     /// # Accuracy
     /// Proven for every point that is in the image in either place, rounding included. The point P was moved along its line of sight from the old eye by at most
     /// δ, so that the two lines of sight from the new eye enclose an angle ψ with sin ψ ≤ δ·sin θ / d, θ the angle under which P sees the two eyes
-    /// ([`view_angle`]) and d a distance from the new eye that no shown point falls below. Infinite with an eye so near that this says nothing.
+    /// ([`view_angle`](crate::view_angle)) and d a distance from the new eye that no shown point falls below. Infinite with an eye so near that this says nothing, and for an object
+    /// that has been stretched otherwise since.
     pub fn parallax(&self, placement: &Placement, camera: &Camera) -> ErrorBound {
+        if !self.is_of(placement) {
+            return ErrorBound::proven(f64::INFINITY, Unit::Pixels);
+        }
         let sine = self
             .parallax_sine(placement.to_rigid(camera.eye()), placement.rounding(camera.eye(), &self.bounds));
         ErrorBound::proven(self.turned_px(sine, placement, camera), Unit::Pixels)
+    }
+
+    /// Whether the object is still stretched as it was when the view was made.
+    pub(crate) fn is_of(&self, placement: &Placement) -> bool {
+        placement.is_stretched_by(&self.stretch)
     }
 
     /// A bound on the sine of the angle between a point and its image, for an eye in the rigid frame; infinite where there is none.
@@ -280,11 +293,10 @@ impl ImpostorView {
         if box_distance.is_nan() || box_distance <= offset {
             return f64::INFINITY;
         }
-        let theta = view_angle(&self.bounds, self.eye, eye);
         // The line from the new eye to a shown point: not shorter than to the picture, nor than to the object less the way between.
         let to_picture = self.distance_to_picture(eye) * (1.0 - 1e-12) - rounding;
         let nearest = to_picture.max(box_distance - offset);
-        let turned = self.offset * theta.min(std::f64::consts::FRAC_PI_2).sin();
+        let turned = self.offset * turn_sine(&self.bounds, self.eye, eye);
         (turned * (1.0 + 1e-12) + 2.0 * rounding) / nearest
     }
 
@@ -301,7 +313,7 @@ impl ImpostorView {
         } else {
             camera.error_px(sine, 1.0)
         };
-        px * (1.0 + 1e-9)
+        px * SAME_STRETCH
     }
 
     /// Pixels between neighbouring texels in the middle of the image; towards its corners up to 1/cos² of the angle off the axis times that.
@@ -400,10 +412,10 @@ fn smallest_rectangle(points: &[DVec2]) -> (DVec2, DVec2, DVec2) {
     (best.1, min, max)
 }
 
-/// The points that are not strictly inside the polygon of those farthest in sixteen directions: all that a hull needs.
+/// The points that are not strictly inside the polygon of those farthest in eight directions: all that a hull needs.
 fn outline(points: &[DVec2]) -> Vec<DVec2> {
-    const DIRECTIONS: usize = 16;
-    if points.len() < 4 * DIRECTIONS {
+    const DIRECTIONS: usize = 8;
+    if points.len() < 8 * DIRECTIONS {
         return points.to_vec();
     }
     let directions: [DVec2; DIRECTIONS] =

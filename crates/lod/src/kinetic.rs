@@ -4,8 +4,8 @@
 //! would change needs no test until the eye has travelled s.
 
 use crate::LodError;
-use crate::cut::{Cut, UpdateStats, clear, limit, tau_of, wants_unfolding};
-use crate::hierarchy::VertexHierarchy;
+use crate::cut::{Cut, UpdateStats, clear, limit, tau_of, wants_unfolding_from};
+use crate::hierarchy::{Node, VertexHierarchy};
 use crate::observer::{Observer, Tolerance};
 use crate::wheel::Wheel;
 
@@ -64,12 +64,13 @@ impl Cut {
         tolerance: &Tolerance,
     ) -> Result<UpdateStats, LodError> {
         self.begin(hierarchy, tolerance)?;
-        let step = match self.watch.seen {
-            Some((before, same)) if same == *tolerance && before.is_stretched_like(observer) => {
-                before.eye.distance(observer.eye)
-            }
-            _ => f64::INFINITY,
+        let before = self.watch.seen.filter(|seen| seen.1 == *tolerance).map(|seen| seen.0);
+        let known = before.and_then(|before| Some((before.eye, observer.stretched_as(&before)?)));
+        let (step, observer) = match known {
+            Some((eye, observer)) => (eye.distance(observer.eye), observer),
+            None => (f64::INFINITY, *observer),
         };
+        let observer = &observer;
         self.watch.seen = Some((*observer, *tolerance));
         if step == 0.0 {
             return Ok(self.stats);
@@ -124,30 +125,24 @@ impl Cut {
         }
         self.stats.tested += 1;
         let was = self.is_unfolded(node);
-        let wants = wants_unfolding(hierarchy, node, observer, tolerance, was);
+        let n = &hierarchy.nodes[node as usize];
+        let distance = observer.distance(n.center.as_dvec3());
+        let wants = wants_unfolding_from(n, distance, observer, tolerance, was);
         if wants && !was {
             self.unfold(hierarchy, node);
             due.extend(hierarchy.children(node));
         } else if !wants && was {
             self.fold(hierarchy, node);
         }
-        let slack = slack(hierarchy, node, observer, tolerance, wants);
+        let slack = slack(n, distance, observer, tolerance, wants);
         let tick = self.watch.tick_at((self.watch.travelled + slack).next_down().max(0.0));
         self.watch.wheel.wait(node, tick);
     }
 }
 
-/// How far the eye can move before the state of a node might change.
-fn slack(
-    hierarchy: &VertexHierarchy,
-    node: u32,
-    observer: &Observer,
-    tolerance: &Tolerance,
-    is_unfolded: bool,
-) -> f64 {
-    let n = &hierarchy.nodes[node as usize];
+/// How far the eye can move before the state of a node, at a distance from it, might change.
+fn slack(n: &Node, distance: f64, observer: &Observer, tolerance: &Tolerance, is_unfolded: bool) -> f64 {
     let center = n.center.as_dvec3();
-    let distance = observer.distance(center);
     let limit = |tau| limit(n, tau, tolerance, is_unfolded);
     // Rounding of distance and limit, with room to spare.
     let sure = |limit: f64| ((distance - limit).abs() - 1e-12 * (distance + limit)).max(0.0);

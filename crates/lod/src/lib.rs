@@ -10,6 +10,12 @@
 //! | which triangles are drawn? | [`Cut::update`], [`Cut::indices`], [`Cut::changed`] |
 //! | the same for a smoothly moving eye, at a fraction of the tests | [`Cut::update_kinetic`] |
 //! | the best with so many triangles, and how good that is | [`Cut::update_budget`] |
+//! | may colour and normal maps be read on what is drawn? | [`VertexHierarchy::build_textured`], [`Cut::texture_drift`] |
+//! | where is a picture of it, and how wrong from here? | [`ImpostorView`], [`ImpostorView::parallax`], [`is_separable`] |
+//! | does a picture pay? | [`decide()`] |
+//! | what was made before that serves again? | [`Cache`] |
+//! | all of that, object by object and frame by frame | [`Approximations`] |
+//! | shapes that a script switches or a user edits | [`Switch`], [`Editable`] |
 //!
 //! The criterion knows the eye's position and not where it looks, so a cut stays right when the camera turns and can serve as a cached
 //! approximation or as the source of an impostor.

@@ -1,7 +1,7 @@
 //! Who looks, and how much a node may move for them.
 
-use crate::LodError;
 use crate::hierarchy::Node;
+use crate::{LodError, Placement};
 use farsight_geometry::{Camera, Projection};
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -67,7 +67,7 @@ impl Tolerance {
 pub struct Observer {
     /// The eye in the object's coordinates, relative to the mesh's origin.
     pub(crate) eye: DVec3,
-    /// What stretches the object unevenly, over the largest stretch; `None` where all directions are stretched alike.
+    /// What stretches the object unevenly, without its turn, over the largest stretch; `None` where all directions are stretched alike.
     stretch: Option<DMat3>,
 }
 
@@ -77,13 +77,13 @@ impl Observer {
     /// # Errors
     /// [`LodError::Placement`] when the eye or the matrix is not finite, or the matrix flattens the object.
     pub fn new(eye: DVec3, world_from_object: &DAffine3, origin: DVec3) -> Result<Self, LodError> {
-        let m = world_from_object.matrix3;
-        let inverse = m.inverse();
+        let placement = Placement::new(world_from_object, origin)?;
         // The world point that the mesh's origin goes to is subtracted before anything is divided.
-        let eye = inverse * (eye - world_from_object.transform_point3(origin));
-        if !(m.is_finite() && inverse.is_finite() && eye.is_finite()) {
+        let eye = world_from_object.matrix3.inverse() * (eye - placement.anchor());
+        if !eye.is_finite() {
             return Err(LodError::Placement);
         }
+        let m = *placement.stretch();
         let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|c| c.length());
         let dots = [m.x_axis.dot(m.y_axis), m.y_axis.dot(m.z_axis), m.z_axis.dot(m.x_axis)];
         let size = lengths[0];
@@ -97,8 +97,15 @@ impl Observer {
         Self { eye, stretch: None }
     }
 
-    pub(crate) fn is_stretched_like(&self, other: &Self) -> bool {
-        self.stretch == other.stretch
+    /// The observer with the stretch of an earlier one, if both stretch alike up to rounding: an object that turns keeps its stretch, but not to the last bit.
+    /// The margin of [`largest_stretch`] covers the difference.
+    pub(crate) fn stretched_as(&self, before: &Self) -> Option<Self> {
+        let alike = match (self.stretch, before.stretch) {
+            (None, None) => true,
+            (Some(a), Some(b)) => a.abs_diff_eq(b, 1e-9),
+            _ => false,
+        };
+        alike.then_some(Self { eye: self.eye, stretch: before.stretch })
     }
 
     /// Distance of a point of the object from the eye, over the object's largest stretch: what radii are compared with.

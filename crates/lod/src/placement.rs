@@ -4,6 +4,9 @@ use crate::{LodError, Observer};
 use farsight_geometry::{Aabb, DAabb};
 use glam::{DAffine3, DMat3, DVec3};
 
+/// Factor on claims for what was made under a stretch that counts as the same.
+pub(crate) const SAME_STRETCH: f64 = 1.0 + 1e-8;
+
 /// The placement of a mesh, split into a stretch and a rigid motion.
 ///
 /// In the *rigid frame* the object is stretched but neither turned nor moved, and the origin is that of the mesh. Distances and angles there are those
@@ -118,8 +121,13 @@ impl Placement {
 
     /// Whether two placements differ by a rigid motion only, up to rounding.
     pub fn is_stretched_like(&self, other: &Self) -> bool {
+        self.is_stretched_by(&other.stretch)
+    }
+
+    /// Whether the stretch is that of another placement, up to rounding. What this lets pass is part of [`SAME_STRETCH`].
+    pub(crate) fn is_stretched_by(&self, stretch: &DMat3) -> bool {
         let size = self.stretch.to_cols_array().iter().fold(0.0f64, |m, x| m.max(x.abs()));
-        self.stretch.abs_diff_eq(other.stretch, 1e-9 * size)
+        self.stretch.abs_diff_eq(*stretch, 1e-9 * size)
     }
 
     /// How far points in a box of the rigid frame and an eye in the world may be from where they should be, by rounding of coordinates.

@@ -61,7 +61,10 @@ fn pose(random: &mut Random, mesh: &TriangleMesh, i: usize) -> Option<Pose> {
         camera.with_projection(Projection::Perspective { fov_y }).ok()?.with_image(1920, 1080).ok()?;
     let points = rigid_points(mesh, &placement);
     let options = ImpostorOptions { max_side: u32::MAX, ..ImpostorOptions::default() };
-    let view = ImpostorView::new(placement.to_rigid(eye), &bounds, &points, &camera, &options).ok()?;
+    let first =
+        Camera::new(eye, camera.world_from_view()).and_then(|c| c.with_projection(camera.projection()));
+    let first = first.and_then(|c| c.with_image(1920, 1080)).ok()?;
+    let view = ImpostorView::new(&placement, &bounds, &points, &first, &options).ok()?;
     Some(Pose { place, placement, eye, camera, view })
 }
 
@@ -235,7 +238,7 @@ fn a_static_eye_sees_no_parallax_and_the_texels_asked_for() {
     let options = ImpostorOptions { texels_per_px: 2.0, depth: true, ..ImpostorOptions::default() };
     let points = rigid_points(&mesh, &placement);
     let made = |x: f64, options: &ImpostorOptions| {
-        ImpostorView::new(DVec3::X * x, &bounds, &points, &camera(x), options)
+        ImpostorView::new(&placement, &bounds, &points, &camera(x), options)
     };
     let view = made(9.0, &options).unwrap();
     assert!(view.parallax(&placement, &camera(9.0)).value < 1e-9);
@@ -249,6 +252,8 @@ fn a_static_eye_sees_no_parallax_and_the_texels_asked_for() {
     // A zoom turns nothing at all, and is seen.
     let zoomed = camera(9.0).with_projection(Projection::Perspective { fov_y: 0.1 }).unwrap();
     assert!(view.texel_px(DVec3::X * 9.0, &zoomed) > 5.0 && view.parallax(&placement, &zoomed).value < 1e-8);
+    let other = Placement::new(&DAffine3::from_scale(DVec3::splat(1.01)), mesh.origin()).unwrap();
+    assert!(view.parallax(&other, &camera(9.0)).value.is_infinite(), "another shape");
     let [w, h] = view.size();
     assert_eq!(view.bytes(), u64::from(w) * u64::from(h) * 8);
     assert!((view.resolution_ratio(&camera(9.0)) - f64::from(h) / 720.0).abs() < 1e-12 || w > h);
@@ -265,6 +270,6 @@ fn a_static_eye_sees_no_parallax_and_the_texels_asked_for() {
         assert!(matches!(made(9.0, &bad), Err(LodError::Option { .. })));
     }
     let flat = camera(9.0).with_projection(Projection::Orthographic { height: 4.0 }).unwrap();
-    assert_eq!(ImpostorView::new(DVec3::X * 9.0, &bounds, &points, &flat, &options), Err(LodError::Parallel));
-    assert_eq!(ImpostorView::new(DVec3::X, &bounds, &[], &camera(9.0), &options), Err(LodError::Placement));
+    assert_eq!(ImpostorView::new(&placement, &bounds, &points, &flat, &options), Err(LodError::Parallel));
+    assert_eq!(ImpostorView::new(&placement, &bounds, &[], &camera(9.0), &options), Err(LodError::Placement));
 }
