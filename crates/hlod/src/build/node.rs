@@ -76,7 +76,7 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
     let spent = if attributes.any() { before.max(look_before) } else { before };
     let tolerance = budget - spent - rounded;
     let frame = LocalFrame::of(cell, &plan.cube);
-    let whole = piece.to_mesh(&frame, plan.cube.leave(cell.corner()), attributes)?;
+    let whole = piece.to_mesh(&frame, plan.cube.leave(cell.middle()), attributes)?;
     drop(piece);
     // Where the levels below have used up the tolerance, nothing is simplified.
     let (mesh, geometric, appearance) = if tolerance > budget / 64.0 {
