@@ -71,7 +71,8 @@ pub fn select_casters(
     mut is_there: impl FnMut(NodeId) -> bool,
     into: &mut Casters,
 ) {
-    (into.drawn.clear(), into.wanted.clear());
+    into.drawn.clear();
+    into.wanted.clear();
     (into.triangles, into.excess) = (0, 0.0);
     let mut error = 0.0f64;
     let volumes: Vec<ConvexBody> = receivers.iter().map(|r| volume(tree, light, r)).collect();

@@ -237,7 +237,8 @@ impl Selector {
         if self.refined.len() != nodes {
             self.refined = vec![false; nodes];
             self.refining = vec![false; nodes];
-            (self.touched.clear(), self.touching.clear());
+            self.touched.clear();
+            self.touching.clear();
         }
         // What was refined in the last frame becomes history; what was before that is forgotten.
         self.touched.drain(..).for_each(|n| self.refined[n.0 as usize] = false);

@@ -202,7 +202,8 @@ impl Stream {
 
     /// Takes in what was read, as much as a frame may.
     fn take_arrivals(&mut self) {
-        (self.came.clear(), self.went.clear());
+        self.came.clear();
+        self.went.clear();
         self.loader.take(&mut self.arrived);
         let mut taken = 0;
         let mut count = 0;

@@ -18,7 +18,8 @@ impl TempPath {
     fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
-        let folder = std::env::temp_dir().join(format!("farsight-hlod-store-{}-{number}", std::process::id()));
+        let folder =
+            std::env::temp_dir().join(format!("farsight-hlod-store-{}-{number}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         Self(folder.join("a.hlod"))
     }
@@ -26,7 +27,10 @@ impl TempPath {
     /// Everything beside the output.
     fn litter(&self) -> Vec<String> {
         let entries = std::fs::read_dir(self.0.parent().unwrap()).unwrap();
-        entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).filter(|n| n != "a.hlod").collect()
+        entries
+            .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
+            .filter(|n| n != "a.hlod")
+            .collect()
     }
 }
 
@@ -257,18 +261,20 @@ fn every_hard_mesh_becomes_a_store() {
 fn impossible_options_and_places_are_named() {
     let ball = hard_cases::bumpy_ball(2);
     let path = TempPath::new();
-    let refused = |options: BuildOptions| {
-        match build([Ok::<_, HlodError>(&ball)], &path.0, &options, &no_progress) {
+    let refused =
+        |options: BuildOptions| match build([Ok::<_, HlodError>(&ball)], &path.0, &options, &no_progress) {
             Err(HlodError::Option { option, .. }) => option,
             other => panic!("{other:?}"),
-        }
-    };
+        };
     assert_eq!(refused(BuildOptions::default().with_resolution(f64::NAN)), "resolution");
     assert_eq!(refused(BuildOptions::default().with_most_triangles(3)), "most_triangles");
     assert_eq!(refused(BuildOptions::default().with_memory(1)), "memory");
     assert_eq!(refused(BuildOptions::default().with_precision(0.0)), "precision");
     let nowhere = std::path::Path::new("/nowhere/at/all.hlod");
-    assert!(matches!(build([Ok::<_, HlodError>(&ball)], nowhere, &small(), &no_progress), Err(HlodError::Io { .. })));
+    assert!(matches!(
+        build([Ok::<_, HlodError>(&ball)], nowhere, &small(), &no_progress),
+        Err(HlodError::Io { .. })
+    ));
     assert!(matches!(Store::open(nowhere), Err(HlodError::Io { .. })));
     assert!(matches!(Store::open(std::env::temp_dir()), Err(HlodError::Io { .. })));
 }
