@@ -167,8 +167,9 @@ impl Stream {
 
     /// Chooses what to draw from what is in memory, and asks for the rest. Never waits.
     pub fn frame(&mut self, camera: &Camera, options: &ViewOptions) -> Frame<'_> {
-        self.lru.next_frame();
+        // Still in the last frame: what it used does not make room.
         self.take_arrivals();
+        self.lru.next_frame();
         let options = ViewOptions { mesh: self.mesh, ..*options };
         let Self { store, selector, selection, meshes, lru, broken, .. } = self;
         let tree = store.tree();
