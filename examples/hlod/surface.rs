@@ -1,5 +1,7 @@
-//! The surface to simplify, and where it is seen from.
+//! The surface to draw, where it is seen from, and how far off something is.
 
+use crate::picture::{self, Part};
+use farsight_geometry::distance::Surface;
 use farsight_geometry::glam::{DVec3, Vec3, dvec3};
 use farsight_geometry::{Camera, TriangleMesh, hard_cases, io};
 use std::error::Error;
@@ -24,6 +26,12 @@ pub fn generated(n: u32) -> TriangleMesh {
     with_normals(mesh).expect("a ball")
 }
 
+/// The same without attributes.
+pub fn bare(mesh: &TriangleMesh) -> Result<TriangleMesh, Box<dyn Error>> {
+    let bare = TriangleMesh::new(mesh.positions().to_vec(), mesh.triangles().to_vec())?;
+    Ok(bare.with_origin(mesh.origin())?)
+}
+
 /// Normals weighted by area at vertices of equal position.
 fn with_normals(mesh: TriangleMesh) -> Result<TriangleMesh, Box<dyn Error>> {
     let welded = mesh.welded();
@@ -46,4 +54,21 @@ pub fn camera(mesh: &TriangleMesh, side: u32) -> Result<Camera, Box<dyn Error>> 
     let eye = bounds.center() + dvec3(0.4, 0.3, 1.0).normalize() * 0.75 * size;
     let camera = Camera::look_at(eye, bounds.center(), DVec3::Y)?;
     Ok(camera.with_range(0.01 * size, 10.0 * size)?.with_image(side, side)?)
+}
+
+/// How many pixels a visible point of a surface is from the nearest point of its parts, at most, measured at some thousand points.
+pub fn measured_px(mesh: &TriangleMesh, parts: &[Part], camera: &Camera) -> Result<f64, Box<dyn Error>> {
+    let mut positions: Vec<DVec3> = Vec::new();
+    let mut triangles = Vec::new();
+    for Part { mesh, .. } in parts {
+        let base = positions.len() as u32;
+        positions.extend(mesh.positions().iter().map(|p| mesh.origin() + p.as_dvec3()));
+        triangles.extend(mesh.triangles().iter().map(|t| t.map(|v| v + base)));
+    }
+    let drawn = Surface::new(&TriangleMesh::from_world(&positions, triangles)?);
+    let off = |p: &DVec3| {
+        let nearest = drawn.nearest(*p)?;
+        Some(camera.error_px(nearest.point.distance(*p), camera.eye().distance(*p)))
+    };
+    Ok(picture::visible_points(mesh, camera)?.iter().filter_map(off).fold(0.0, f64::max))
 }

@@ -52,13 +52,6 @@ impl Look {
         }
     }
 
-    /// How far along a line between two looks the one that `found` is lies from where it should be: `t` of the way.
-    pub(crate) fn shift_on_line(ends: [Self; 2], t: f32, found: &Self, length: f64) -> f64 {
-        let there = Self::mix([(ends[0], 1.0 - t), (ends[1], t), (ends[1], 0.0)]);
-        let (off, rate) = (found.difference(&there), ends[0].difference(&ends[1]));
-        (0..3).map(|a| shift(off[a], f64::from(rate[a]) / length, a, length)).fold(0.0, f64::max)
-    }
-
     fn difference(&self, other: &Self) -> Difference {
         let (a, b) = (self.normal, other.normal);
         // Accurate for small angles too; a missing normal differs from nothing.
@@ -76,13 +69,35 @@ impl Look {
 pub(crate) struct Appearance<'a> {
     mesh: &'a TriangleMesh,
     normals: Option<Vec<Vec3>>,
+    /// How far normals may be from what they were, in radians: differences below that say nothing.
+    rounding: f32,
 }
 
 impl<'a> Appearance<'a> {
     /// `None` when the mesh has no attributes. Normals of vertices whose triangles are all smaller than `smooth_below` are smoothed.
     pub(crate) fn new(mesh: &'a TriangleMesh, smooth_below: f64) -> Option<Self> {
         let any = mesh.normals().is_some() || mesh.uvs().is_some() || mesh.colours().is_some();
-        any.then(|| Self { mesh, normals: mesh.normals().map(|n| smoothed(mesh, n, smooth_below)) })
+        any.then(|| Self {
+            mesh,
+            normals: mesh.normals().map(|n| smoothed(mesh, n, smooth_below)),
+            rounding: 0.0,
+        })
+    }
+
+    /// Normals were rounded by at most an angle, once in the input and once in what will be made of it.
+    pub(crate) fn with_rounding(self, angle: f32) -> Self {
+        Self { rounding: 2.0 * angle, ..self }
+    }
+
+    /// How far along a line between two looks the one that `found` is lies from where it should be: `t` of the way.
+    pub(crate) fn shift_on_line(&self, ends: [Look; 2], t: f32, found: &Look, length: f64) -> f64 {
+        let there = Look::mix([(ends[0], 1.0 - t), (ends[1], t), (ends[1], 0.0)]);
+        let (off, rate) = (self.seen(found.difference(&there)), ends[0].difference(&ends[1]));
+        (0..3).map(|a| shift(off[a], f64::from(rate[a]) / length, a, length)).fold(0.0, f64::max)
+    }
+
+    fn seen(&self, difference: Difference) -> Difference {
+        [(difference[0] - self.rounding).max(0.0), difference[1], difference[2]]
     }
 
     pub(crate) fn corner(&self, original: &Original, t: u32, k: usize) -> Look {
@@ -141,7 +156,7 @@ impl<'a> Appearance<'a> {
         let mut worst = 0.0f64;
         for (t, k, s) in inside {
             let there = Look::mix([0, 1, 2].map(|i| (looks[i], s.l[i] as f32)));
-            let difference = self.corner(original, t, k).difference(&there);
+            let difference = self.seen(self.corner(original, t, k).difference(&there));
             let along = (0..3).map(|a| shift(difference[a], rates[a], a, longest)).fold(0.0, f64::max);
             worst = worst.max(s.h * s.h + along * along);
         }

@@ -94,21 +94,21 @@ impl Cell {
     }
 }
 
-/// Coordinates of a cell's mesh: relative to the cell's corner, in world lengths.
+/// Coordinates of a cell's mesh: relative to the cell's middle, in world lengths.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LocalFrame {
-    min: Lattice,
+    middle: Lattice,
     unit: f64,
 }
 
 impl LocalFrame {
     pub(crate) fn of(cell: &Cell, cube: &Cube) -> Self {
-        Self { min: cell.corner(), unit: cube.unit }
+        Self { middle: cell.middle(), unit: cube.unit }
     }
 
     /// Exact if the position is a multiple of 2⁻²³ of a few cells' edge.
     pub(crate) fn local(&self, p: Lattice) -> Vec3 {
-        let relative = [0, 1, 2].map(|k| (f64::from(p[k] - self.min[k]) * self.unit) as f32);
+        let relative = [0, 1, 2].map(|k| (f64::from(p[k] - self.middle[k]) * self.unit) as f32);
         Vec3::from_array(relative)
     }
 
@@ -116,7 +116,7 @@ impl LocalFrame {
     pub(crate) fn lattice(&self, p: Vec3, step: i32) -> Lattice {
         let p = p.to_array();
         [0, 1, 2].map(|k| {
-            let units = f64::from(p[k]) / self.unit + f64::from(self.min[k]);
+            let units = f64::from(p[k]) / self.unit + f64::from(self.middle[k]);
             (units / f64::from(step)).round() as i32 * step
         })
     }

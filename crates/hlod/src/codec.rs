@@ -7,7 +7,7 @@ mod bits;
 mod connectivity;
 mod looks;
 
-pub(crate) use looks::{Looks, decode_looks};
+pub(crate) use looks::{Looks, NORMAL_ROUNDING, decode_looks};
 
 use crate::cell::Lattice;
 use crate::piece::{Attributes, Piece};
@@ -69,7 +69,7 @@ pub(crate) fn encode(piece: &Piece, corner: Lattice, step: i32, attributes: Attr
     shape.extend_from_slice(&walk.bytes);
     shape.extend(writer.finish());
     let (looks, vertices) = if attributes.any() && !piece.looks.is_empty() {
-        looks::encode(piece, &position_of, &walk, attributes)
+        looks::encode(piece, &position_of, &walk, &positions, attributes)
     } else {
         (Vec::new(), positions.len() as u32)
     };
@@ -127,7 +127,10 @@ pub(crate) fn decode_shape(
     into: &mut Shape,
 ) -> bool {
     let Shape { at, indices, rims, origins, scratch } = into;
-    (at.clear(), indices.clear(), rims.clear(), origins.clear());
+    at.clear();
+    indices.clear();
+    rims.clear();
+    origins.clear();
     // A letter has a bit at least, and a vertex three.
     let plausible =
         u64::from(triangles) <= 8 * bytes.len() as u64 && u64::from(positions) <= 8 * bytes.len() as u64;

@@ -24,6 +24,7 @@
 
 mod appearance;
 mod build;
+mod casters;
 mod cell;
 mod certify;
 mod claims;
@@ -38,20 +39,31 @@ mod fast;
 mod flood;
 mod frame;
 mod gather;
+mod load;
+mod lru;
 mod original;
 mod piece;
 mod polygon;
+mod prefetch;
 mod quadric;
 mod roles;
+mod select;
 mod simplify;
+mod splat;
 mod store;
+mod stream;
 mod tree;
 
 pub use build::{BuildOptions, BuildReport, LevelReport, Progress, Stage, build, no_progress};
+pub use casters::{CasterLight, Casters, ReceiverBox, receiver_boxes, select_casters};
 pub use error::HlodError;
 pub use glam;
+pub use prefetch::{PrefetchOptions, movement_until_needed, prefetch};
+pub use select::{Drawn, Selection, Selector, ViewOptions};
 pub use simplify::{Simplified, SimplifyOptions, Tier, simplify};
+pub use splat::Splats;
 pub use store::{NodeMesh, Store};
+pub use stream::{Frame, Stream, StreamOptions};
 pub use tree::{Mesh, NodeId, Tree};
 
 /// The README's example, so that it stays true.

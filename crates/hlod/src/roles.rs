@@ -47,6 +47,8 @@ pub(crate) struct Walls {
     pub max: Vec3,
     /// How far a rim may be from where it was.
     pub tolerance: f64,
+    /// How far normals may have been rounded, in radians.
+    pub normal_rounding: f32,
 }
 
 impl Walls {
@@ -108,12 +110,13 @@ impl Roles {
                 (0..6).filter(|w| shared >> w & 1 != 0).for_each(|w| edges[w].extend([[a, b], [b, a]]));
             }
         }
-        let look = |v: u32| appearance.map(|a| a.vertex(original.vertex[v as usize]));
+        let look = |v: u32| appearance.map_or(Look::default(), |a| a.vertex(original.vertex[v as usize]));
         let mut used = vec![false; original.points.len()];
         for edges in &mut edges {
             edges.sort_unstable();
             edges.dedup();
-            let mut rim = Rim { edges, position: &position, look: &look, tolerance: walls.tolerance };
+            let mut rim =
+                Rim { edges, position: &position, look: &look, appearance, tolerance: walls.tolerance };
             rim.assign(self, &mut used);
         }
     }
@@ -124,7 +127,8 @@ struct Rim<'a> {
     /// Both directions, sorted.
     edges: &'a [[u32; 2]],
     position: &'a dyn Fn(u32) -> Vec3,
-    look: &'a dyn Fn(u32) -> Option<Look>,
+    look: &'a dyn Fn(u32) -> Look,
+    appearance: Option<&'a Appearance<'a>>,
     tolerance: f64,
 }
 
@@ -271,12 +275,13 @@ impl Rim<'_> {
         let length_sq = along.length_squared();
         let t = if length_sq > 0.0 { (x.dot(along) / length_sq).clamp(0.0, 1.0) } else { 0.0 };
         let off_sq = (x - along * t).length_squared();
-        match [a, b, v].map(self.look) {
-            [Some(a), Some(b), Some(v)] => {
-                let shift = Look::shift_on_line([a, b], t as f32, &v, length_sq.sqrt());
+        match self.appearance {
+            Some(appearance) => {
+                let [a, b, v] = [a, b, v].map(self.look);
+                let shift = appearance.shift_on_line([a, b], t as f32, &v, length_sq.sqrt());
                 off_sq + shift * shift
             }
-            _ => off_sq,
+            None => off_sq,
         }
     }
 }
@@ -304,9 +309,19 @@ mod tests {
             t = t.iter().rev().map(|t| [last - t[0], last - t[2], last - t[1]]).collect();
         }
         let walls = if backwards {
-            Walls { min: Vec3::new(-9.0, -99.0, -9.0), max: Vec3::new(99.0, 0.0, 99.0), tolerance: 0.1 }
+            Walls {
+                min: Vec3::new(-9.0, -99.0, -9.0),
+                max: Vec3::new(99.0, 0.0, 99.0),
+                tolerance: 0.1,
+                normal_rounding: 0.0,
+            }
         } else {
-            Walls { min: Vec3::new(-9.0, 0.0, -9.0), max: Vec3::new(99.0, 99.0, 99.0), tolerance: 0.1 }
+            Walls {
+                min: Vec3::new(-9.0, 0.0, -9.0),
+                max: Vec3::new(99.0, 99.0, 99.0),
+                tolerance: 0.1,
+                normal_rounding: 0.0,
+            }
         };
         (TriangleMesh::new(p, t).unwrap(), walls)
     }
@@ -355,6 +370,7 @@ mod tests {
                 min: frame.local(cell.corner()),
                 max: frame.local(cell.corner().map(|m| m + cell.edge())),
                 tolerance: 0.003,
+                normal_rounding: 0.0,
             };
             roles.add_rims(&original, &mesh, None, &walls);
             for v in (0..original.points.len()).filter(|&v| roles.of[v] == Role::Fixed) {

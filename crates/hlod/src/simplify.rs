@@ -162,6 +162,7 @@ pub(crate) fn simplify_between(
     let limit = usable_tolerance(mesh, &frame, tolerance)?;
     let original = Original::new(mesh, &frame);
     let appearance = if options.appearance { Appearance::new(mesh, tolerance) } else { None };
+    let appearance = appearance.map(|a| a.with_rounding(walls.map_or(0.0, |w| w.normal_rounding)));
     let appearance = appearance.as_ref();
     let mut roles = Roles::free(original.points.len());
     if let Some(walls) = walls {

@@ -158,10 +158,11 @@ impl Store {
         self.bytes.fetch(stored, with_looks, raw).map_err(HlodError::io(&self.path))?;
         decode(raw, stored, n.cell.edge() / step, with_looks, self.tree.attributes, shape, looks)
             .map_err(damaged)?;
-        *origin = self.tree.cube.leave(n.cell.corner());
-        let scale = f64::from(step) * self.tree.cube.unit;
+        *origin = self.tree.cube.leave(n.cell.middle());
+        let (scale, half) = (f64::from(step) * self.tree.cube.unit, n.cell.edge() / step / 2);
+        let local = |x: i32| (f64::from(x.wrapping_sub(half)) * scale) as f32;
         positions.clear();
-        positions.extend(shape.at.iter().map(|p| Vec3::from_array(p.map(|x| (f64::from(x) * scale) as f32))));
+        positions.extend(shape.at.iter().map(|p| Vec3::from_array(p.map(local))));
         std::mem::swap(indices, &mut shape.indices);
         std::mem::swap(rims, &mut shape.rims);
         std::mem::swap(normals, &mut looks.normals);

@@ -3,7 +3,7 @@
 use super::Plan;
 use crate::HlodError;
 use crate::cell::{Cell, LocalFrame, rounding};
-use crate::codec::{Encoded, encode};
+use crate::codec::{Encoded, NORMAL_ROUNDING, encode};
 use crate::cut::Polygons;
 use crate::gather::{Gathered, Part, gather};
 use crate::piece::{Attributes, Piece};
@@ -76,7 +76,7 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
     let spent = if attributes.any() { before.max(look_before) } else { before };
     let tolerance = budget - spent - rounded;
     let frame = LocalFrame::of(cell, &plan.cube);
-    let whole = piece.to_mesh(&frame, plan.cube.leave(cell.corner()), attributes)?;
+    let whole = piece.to_mesh(&frame, plan.cube.leave(cell.middle()), attributes)?;
     drop(piece);
     // Where the levels below have used up the tolerance, nothing is simplified.
     let (mesh, geometric, appearance) = if tolerance > budget / 64.0 {
@@ -84,6 +84,7 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
             min: frame.local(cell.corner()),
             max: frame.local(cell.corner().map(|m| m + cell.edge())),
             tolerance: RIM_SHARE * budget,
+            normal_rounding: NORMAL_ROUNDING,
         };
         let simple = simplify_between(&whole, tolerance, &plan.simplify(attributes), Some(&walls))?;
         (simple.mesh, simple.geometric.value, simple.appearance.map_or(0.0, |a| a.value))

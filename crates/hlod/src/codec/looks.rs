@@ -1,6 +1,7 @@
 //! Attributes of vertices.
 //!
-//! Each position has a first vertex, predicted from the corners that its position was predicted from. Where attributes have a seam, further vertices at the
+//! Each position has a first vertex. Its normal is predicted from the triangles around it, the rest from the corners that its position was predicted
+//! from. Where attributes have a seam, further vertices at the
 //! same position follow, predicted from the first; corners there say which one they use.
 
 use super::bits::{BitReader, BitWriter, Numbers};
@@ -12,6 +13,9 @@ use glam::{Vec2, Vec3, Vec4};
 
 /// Steps of a texture coordinate in one.
 const UV_STEPS: f32 = 16384.0;
+
+/// How far normals are rounded at most, in radians.
+pub(crate) const NORMAL_ROUNDING: f32 = 0.0125;
 
 /// Channels: two for the normal's octahedron, two texture coordinates, four of the colour.
 const CHANNELS: usize = 8;
@@ -32,9 +36,10 @@ pub(crate) struct Looks {
     pub uvs: Vec<Vec2>,
     pub colours: Vec<[u8; 4]>,
     values: Vec<Values>,
-    /// Where each position's further vertices begin in `further`.
+    /// Where the further vertices of each position begin.
     first_further: Vec<u32>,
-    further: Vec<u32>,
+    expected: Vec<[i32; 2]>,
+    sums: Vec<Vec3>,
 }
 
 impl Looks {
@@ -47,11 +52,10 @@ impl Looks {
     }
 
     pub(crate) fn clear(&mut self) {
-        (self.normals.clear(), self.uvs.clear(), self.colours.clear(), self.values.clear());
-    }
-
-    pub(crate) fn bytes(&self) -> usize {
-        12 * self.normals.len() + 8 * self.uvs.len() + 4 * self.colours.len()
+        self.normals.clear();
+        self.uvs.clear();
+        self.colours.clear();
+        self.values.clear();
     }
 }
 
@@ -96,6 +100,36 @@ fn from_octahedron([x, y]: [i32; 2]) -> Vec3 {
     v * (1.0 / v.length())
 }
 
+/// The octahedron's point of each position's area-weighted normal: what its vertex's normal is expected to be. The same on every machine: `f32` sums in the
+/// order of the triangles.
+fn expected_normals(at: &[Lattice], indices: &[u32], into: &mut Vec<[i32; 2]>, sums: &mut Vec<Vec3>) {
+    sums.clear();
+    sums.resize(at.len(), Vec3::ZERO);
+    let place = |v: u32| at.get(v as usize).copied().unwrap_or_default();
+    for t in indices.as_chunks::<3>().0 {
+        let [a, b, c] = t.map(place);
+        let side = |p: Lattice| Vec3::from_array([0, 1, 2].map(|k| p[k].wrapping_sub(a[k]) as f32));
+        let normal = side(b).cross(side(c));
+        for &v in t {
+            if let Some(sum) = sums.get_mut(v as usize) {
+                *sum += normal;
+            }
+        }
+    }
+    into.clear();
+    into.extend(sums.iter().map(|n| {
+        let scale = 127.0 / (n.x.abs() + n.y.abs() + n.z.abs());
+        if !scale.is_finite() {
+            return [0, 0];
+        }
+        let (x, y) = (n.x * scale, n.y * scale);
+        let fold = |p: f32, q: f32| (127.0 - q.abs()).copysign(p);
+        let (x, y) = if n.z >= 0.0 { (x, y) } else { (fold(x, y), fold(y, x)) };
+        // Truncated after a shift: the same as rounding, and cheaper.
+        [(x + 128.5) as i32 - 128, (y + 128.5) as i32 - 128]
+    }));
+}
+
 fn values_of(look: &Look) -> Values {
     let [x, y] = to_octahedron(look.normal);
     let uv = (look.uv * UV_STEPS).round();
@@ -104,7 +138,8 @@ fn values_of(look: &Look) -> Values {
 }
 
 /// What the codec makes of a look.
-pub(crate) fn rounded_look(look: &Look) -> Look {
+#[cfg(test)]
+pub(super) fn rounded_look(look: &Look) -> Look {
     let v = values_of(look);
     Look {
         normal: from_octahedron([v[0], v[1]]),
@@ -115,7 +150,10 @@ pub(crate) fn rounded_look(look: &Look) -> Look {
 
 /// The values expected at a new vertex, channel by channel.
 #[inline(always)]
-fn predicted(values: &[Values], origin: Origin, channel: usize) -> i32 {
+fn predicted(values: &[Values], origin: Origin, normal: [i32; 2], channel: usize) -> i32 {
+    if channel < 2 {
+        return normal[channel];
+    }
     let of = |v: u32| values.get(v as usize).map_or(0, |v| v[channel]);
     let (a, b) = (of(origin.from), of(origin.to));
     match channel {
@@ -143,11 +181,12 @@ fn restored(channel: usize, guess: i32, difference: i32) -> i32 {
     }
 }
 
-/// Codes the looks of a mesh that was walked over; returns the bytes and the number of vertices.
+/// Codes the looks of a mesh that was walked over, its positions as the decoder will have them; returns the bytes and the number of vertices.
 pub(super) fn encode(
     piece: &Piece,
     position_of: &[u32],
     walk: &Walk,
+    at: &[Lattice],
     attributes: Attributes,
 ) -> (Vec<u8>, u32) {
     // For each new position, its different values in order of use, and which one each corner uses.
@@ -178,9 +217,11 @@ pub(super) fn encode(
     }
     let varying: Vec<usize> = channels(attributes).filter(|c| !constant.contains(c)).collect();
     let mut numbers = [Numbers::default(); CHANNELS];
+    let (mut normals, mut sums) = (Vec::new(), Vec::new());
+    expected_normals(at, walk.triangles.as_flattened(), &mut normals, &mut sums);
     for v in 0..first.len() {
         for &c in &varying {
-            let guess = predicted(&first[..v], walk.origins[v], c);
+            let guess = predicted(&first[..v], walk.origins[v], normals[v], c);
             numbers[c].put(&mut writer, wrapped(c, first[v][c].wrapping_sub(guess)));
         }
     }
@@ -250,10 +291,16 @@ fn decode(
     let values = &mut into.values;
     values.reserve(vertices as usize);
     let mut numbers = [Numbers::default(); CHANNELS];
-    for origin in &shape.origins {
+    if attributes.normals {
+        expected_normals(&shape.at, &shape.indices, &mut into.expected, &mut into.sums);
+    } else {
+        into.expected.clear();
+        into.expected.resize(positions, [0; 2]);
+    }
+    for (origin, normal) in shape.origins.iter().zip(&into.expected) {
         let mut new = base;
         for &c in varying {
-            new[c] = restored(c, predicted(values, *origin, c), numbers[c].take(&mut reader));
+            new[c] = restored(c, predicted(values, *origin, *normal, c), numbers[c].take(&mut reader));
         }
         values.push(new);
     }
@@ -343,7 +390,7 @@ mod tests {
             // Rounding twice changes nothing.
             assert!(rounded_look(&back).normal.distance(back.normal) < 1e-6);
         }
-        assert!(worst.acos().to_degrees() < 0.8, "{}", worst.acos().to_degrees());
+        assert!(worst.acos() < NORMAL_ROUNDING, "{}", worst.acos());
         assert_eq!(rounded_look(&Look::default()).normal, Vec3::ZERO);
     }
 }

@@ -1,0 +1,332 @@
+//! Hierarchies: how fast they are built, how much memory and disk that takes, how fast nodes are decoded, what a camera path draws.
+//!
+//! ```text
+//! cargo bench --bench hlod                      everything; 20 M triangles where memory is measured
+//! cargo bench --bench hlod -- --quick           small surfaces
+//! cargo bench --bench hlod -- --only build      one part: build, threads, memory, path
+//! ```
+//!
+//! With `FARSIGHT_DATA` set, scanned surfaces are built as well.
+
+use farsight_geometry::glam::{DVec3, Vec3};
+use farsight_geometry::{Camera, ClipConvention, TriangleMesh, hard_cases, io};
+use farsight_hlod::{
+    BuildOptions, BuildReport, HlodError, Mesh, NodeMesh, Selection, Selector, Splats, Store, Tier,
+    ViewOptions, build, no_progress,
+};
+use farsight_raster::{
+    Draw, LineDraw, Outputs, PointDraw, Rasteriser, Splat, State, Target, thread_cpu_time,
+};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+fn main() -> Outcome {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if arguments.first().is_some_and(|a| a == "--child") {
+        return child(arguments[1].parse()?, &arguments[2]);
+    }
+    let quick = arguments.iter().any(|a| a == "--quick");
+    let only = arguments.iter().position(|a| a == "--only").and_then(|i| arguments.get(i + 1));
+    let wanted = |part: &str| only.is_none_or(|o| o == part);
+    if wanted("build") {
+        rates(quick)?;
+    }
+    if wanted("threads") {
+        threads(quick)?;
+    }
+    if wanted("memory") {
+        memory(if quick { &[200_000] } else { &[2_000_000, 20_000_000] })?;
+    }
+    if wanted("path") {
+        path(quick)?;
+    }
+    Ok(())
+}
+
+fn temp(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("farsight-bench-{}-{name}.hlod", std::process::id()))
+}
+
+/// A ball with wrinkles of several sizes, `12 n²` triangles, with normals.
+fn generated(n: u32) -> TriangleMesh {
+    let ball = hard_cases::bumpy_ball(n);
+    let wrinkled = |p: &Vec3| {
+        let fine = 0.02 * (23.0 * p.x + 9.0 * p.y).sin() * (19.0 * p.z).cos();
+        *p * (1.0 + fine + 0.004 * (61.0 * p.y).sin() * (57.0 * p.x).cos())
+    };
+    let p = ball.positions().iter().map(wrinkled).collect();
+    with_normals(&TriangleMesh::new(p, ball.triangles().to_vec()).expect("a ball"))
+}
+
+fn with_normals(mesh: &TriangleMesh) -> TriangleMesh {
+    let welded = mesh.welded().mesh;
+    let mut sums = vec![Vec3::ZERO; welded.positions().len()];
+    for (t, [a, b, c]) in welded.triangles().iter().zip(welded.corner_iter()) {
+        t.iter().for_each(|&v| sums[v as usize] += (b - a).cross(c - a));
+    }
+    let normals = sums.iter().map(|n| n.normalize_or_zero()).collect();
+    welded.with_normals(normals).expect("finite normals")
+}
+
+fn surfaces(quick: bool) -> Result<Vec<(String, TriangleMesh)>, Box<dyn Error>> {
+    let mut all = vec![("wrinkled ball".to_owned(), generated(if quick { 30 } else { 120 }))];
+    let Some(folder) = std::env::var_os("FARSIGHT_DATA").filter(|_| !quick) else { return Ok(all) };
+    for name in ["stanford_bunny.obj", "igea.glb", "armadillo.obj", "lucy.glb", "lion_statue.obj"] {
+        let path = Path::new(&folder).join(name);
+        if path.exists() {
+            let scene = io::load(&path)?.into_scene().ok_or("no triangles")?;
+            all.push((name.split('.').next().unwrap_or(name).into(), with_normals(&scene.flattened()?)));
+        }
+    }
+    Ok(all)
+}
+
+fn built(mesh: &TriangleMesh, path: &Path, options: &BuildOptions) -> Result<BuildReport, HlodError> {
+    build([Ok::<_, HlodError>(mesh)], path, options, &no_progress)
+}
+
+/// Rates, bytes, levels.
+fn rates(quick: bool) -> Outcome {
+    println!(
+        "build on one thread (CPU time), bytes a triangle of the input over all levels, decoding with and without attributes"
+    );
+    println!(
+        "floors: 50 ktri/s guaranteed, 200 fast; 2.0 B geometric, 4.0 with appearance; 50 Mtri/s decoded\n"
+    );
+    println!(
+        "{:<16} {:>9} {:<22} {:>8} {:>8} {:>7} {:>9} {:>7}",
+        "surface", "triangles", "meshes", "ktri/s", "B/tri", "nodes", "Mtri/s", "joined"
+    );
+    let path = temp("rates");
+    for (name, mesh) in surfaces(quick)? {
+        for (what, tier, appearance) in [
+            ("shape, guaranteed", Tier::Guaranteed, false),
+            ("shape, verified", Tier::Verified, false),
+            ("shape, fast", Tier::Fast, false),
+            ("looks, guaranteed", Tier::Guaranteed, true),
+        ] {
+            let options = BuildOptions::default().with_threads(1).with_tier(tier).with_appearance(appearance);
+            let start = thread_cpu_time();
+            let report = built(&mesh, &path, &options)?;
+            let seconds = (thread_cpu_time() - start).as_secs_f64();
+            let store = Store::open(&path)?;
+            println!(
+                "{name:<16} {:>9} {what:<22} {:>8.1} {:>8.2} {:>7} {:>9.1} {:>7}",
+                report.triangles,
+                report.triangles as f64 / seconds / 1e3,
+                report.bytes as f64 / report.triangles as f64,
+                store.tree().ids().len(),
+                decode_rate(&store)?,
+                report.joined
+            );
+            if tier == Tier::Guaranteed {
+                levels(&report, &store)?;
+            }
+        }
+    }
+    std::fs::remove_file(&path)?;
+    Ok(())
+}
+
+/// Triangles per node by level, as in table 2 of the paper.
+fn levels(report: &BuildReport, store: &Store) -> Outcome {
+    let tree = store.tree();
+    for (level, l) in report.levels.iter().enumerate() {
+        let (mut points, mut left, mut splats, mut mesh) = (0, 0, Splats::default(), NodeMesh::default());
+        for n in tree.ids().filter(|&n| tree.level(n) as usize == level) {
+            store.read(n, Mesh::Full, &mut mesh)?;
+            splats.fill(&mesh, tree.error(n, Mesh::Full).value);
+            points += splats.positions.len() as u64;
+            left += splats.indices.len() as u64 / 3;
+        }
+        println!(
+            "    level {level}: {:>5} nodes ({} leaves), a node: {:>6} triangles, as {:>6} and {:>6} points; shape {:>6}",
+            l.nodes,
+            l.leaves,
+            l.triangles / l.nodes,
+            left / l.nodes,
+            points / l.nodes,
+            l.shape_triangles / l.nodes
+        );
+    }
+    Ok(())
+}
+
+/// Triangles decoded in a second of CPU time, in millions: reading from the page cache included.
+fn decode_rate(store: &Store) -> Result<f64, Box<dyn Error>> {
+    let mut mesh = NodeMesh::default();
+    let mut best = 0.0f64;
+    for _ in 0..5 {
+        let (start, mut triangles) = (thread_cpu_time(), 0);
+        for node in store.tree().ids() {
+            store.read(node, Mesh::Full, &mut mesh)?;
+            triangles += mesh.indices.len() / 3;
+        }
+        best = best.max(triangles as f64 / (thread_cpu_time() - start).as_secs_f64() / 1e6);
+    }
+    Ok(best)
+}
+
+fn threads(quick: bool) -> Outcome {
+    let mesh = generated(if quick { 40 } else { 140 });
+    let path = temp("threads");
+    let mut seconds = [0.0; 2];
+    for (i, s) in seconds.iter_mut().enumerate() {
+        let options = BuildOptions::default().with_appearance(false).with_threads(i + 1);
+        let start = Instant::now();
+        built(&mesh, &path, &options)?;
+        *s = start.elapsed().as_secs_f64();
+    }
+    println!(
+        "\ntwo threads: {:.2} s instead of {:.2} s, {:.2} times as fast (floor 1.7)",
+        seconds[1],
+        seconds[0],
+        seconds[0] / seconds[1]
+    );
+    std::fs::remove_file(&path)?;
+    Ok(())
+}
+
+/// Strips of a rough square kilometre, made one after the other.
+fn strips(count: u64) -> impl Iterator<Item = Result<TriangleMesh, HlodError>> {
+    let n = (count as f64 / 2.0).sqrt() as u32;
+    let rows = (30_000 / n).max(1);
+    (0..n.div_ceil(rows)).map(move |strip| {
+        let (first, last) = (strip * rows, ((strip + 1) * rows).min(n));
+        let at = |i: u32| i as f32 * (1000.0 / n as f32);
+        let height = |x: f32, y: f32| {
+            20.0 * (0.011 * x).sin() * (0.013 * y).cos()
+                + 2.0 * (0.09 * x + 0.05 * y).sin()
+                + 0.05 * (0.9 * x).sin() * (1.1 * y).cos()
+        };
+        let p = (first..=last).flat_map(|j| (0..=n).map(move |i| (at(i), at(j))));
+        let p = p.map(|(x, y)| Vec3::new(x, y, height(x, y))).collect();
+        let row = n + 1;
+        let quads = (0..last - first).flat_map(|j| (0..n).map(move |i| j * row + i));
+        let t = quads.flat_map(|a| [[a, a + 1, a + row + 1], [a, a + row + 1, a + row]]).collect();
+        Ok(TriangleMesh::new(p, t)?)
+    })
+}
+
+fn child(count: u64, tier: &str) -> Outcome {
+    let tier = if tier == "guaranteed" { Tier::Guaranteed } else { Tier::Verified };
+    let path = temp("memory");
+    let options = BuildOptions::default().with_appearance(false).with_tier(tier).with_threads(1);
+    let start = thread_cpu_time();
+    let report = build(strips(count), &path, &options, &no_progress)?;
+    let seconds = (thread_cpu_time() - start).as_secs_f64();
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak =
+        status.lines().find_map(|l| l.strip_prefix("VmHWM:")?.split_whitespace().next()?.parse::<f64>().ok());
+    println!(
+        "{:>11} triangles: {:>6.0} MB at most, {:>6.1} ktri/s, {:.2} B/tri, {} levels, root {} triangles",
+        report.triangles,
+        peak.unwrap_or(f64::NAN) / 1024.0,
+        report.triangles as f64 / seconds / 1e3,
+        report.bytes as f64 / report.triangles as f64,
+        report.levels.len(),
+        report.levels[0].triangles
+    );
+    std::fs::remove_file(&path)?;
+    Ok(())
+}
+
+/// Peak memory in processes of their own.
+fn memory(counts: &[u64]) -> Outcome {
+    println!(
+        "\npeak memory (of the whole process), verified tier, generated terrain; floors: 256 MB for 2 M, 512 MB for 20 M"
+    );
+    for count in counts {
+        std::process::Command::new(std::env::current_exe()?)
+            .args(["--child", &count.to_string(), "verified"])
+            .status()?;
+    }
+    Ok(())
+}
+
+/// Tables 3 and 4: one camera path at half a pixel, three kinds of meshes.
+fn path(quick: bool) -> Outcome {
+    let mesh = generated(if quick { 40 } else { 140 });
+    let file = temp("path");
+    let options = BuildOptions::default().with_tier(Tier::Verified).with_most_triangles(2000);
+    built(&mesh, &file, &options)?;
+    let store = Store::open(&file)?;
+    println!("\na path of 24 views from 1.3 to 40 radii at half a pixel, 640 x 480, per frame:");
+    println!("{:<30} {:>9} {:>9} {:>9} {:>11}", "levels", "triangles", "points", "kB disk", "raster ms");
+    for (name, which, points) in [
+        ("with appearance", Mesh::Full, false),
+        ("with appearance, points", Mesh::Full, true),
+        ("shape alone", Mesh::Shape, false),
+    ] {
+        let (mut triangles, mut splat_count, mut bytes, mut time) = (0, 0, 0, std::time::Duration::ZERO);
+        let (mut selector, mut selection) = (Selector::new(), Selection::default());
+        const FRAMES: u32 = 24;
+        for frame in 0..FRAMES {
+            let t = f64::from(frame) / f64::from(FRAMES - 1);
+            let distance = 1.3 * (40.0f64 / 1.3).powf(t);
+            let eye = DVec3::new((3.0 * t).sin(), -(3.0 * t).cos(), 0.4).normalize() * distance;
+            let camera =
+                Camera::look_at(eye, DVec3::ZERO, DVec3::Z)?.with_range(0.05, 100.0)?.with_image(640, 480)?;
+            selector.select(
+                store.tree(),
+                &camera,
+                &ViewOptions::error(0.5).with_mesh(which),
+                |_| true,
+                &mut selection,
+            );
+            let mut target = Target::new(640, 480, Outputs::DEPTH)?;
+            for d in &selection.drawn {
+                let mut node = NodeMesh::default();
+                store.read(d.node, which, &mut node)?;
+                bytes += store.tree().disk_bytes(d.node, which);
+                let mut splats = Splats::default();
+                splats.fill(&node, if points { store.tree().error(d.node, which).value } else { 0.0 });
+                triangles += splats.indices.len() as u64 / 3;
+                splat_count += splats.positions.len() as u64;
+                let start = thread_cpu_time();
+                draw(&mut target, &camera, &node, &splats);
+                time += thread_cpu_time() - start;
+            }
+        }
+        let each = |n: u64| n / u64::from(FRAMES);
+        println!(
+            "{name:<30} {:>9} {:>9} {:>9.1} {:>11.2}",
+            each(triangles),
+            each(splat_count),
+            each(bytes) as f64 / 1e3,
+            time.as_secs_f64() * 1e3 / f64::from(FRAMES)
+        );
+    }
+    std::fs::remove_file(&file)?;
+    Ok(())
+}
+
+fn draw(target: &mut Target, camera: &Camera, node: &NodeMesh, splats: &Splats) {
+    let clip = camera.clip_from_relative_f64(ClipConvention::REVERSED, node.origin);
+    let state = State::default();
+    let triangles = splats.indices.as_chunks::<3>().0;
+    let mut rasteriser = Rasteriser::new();
+    rasteriser.draw(target, &Draw { positions: &node.positions, triangles, clip_from_local: clip, state });
+    let segments: Vec<[Vec3; 2]> = node.rims.iter().map(|r| r.map(|v| node.positions[v as usize])).collect();
+    let colour = farsight_geometry::glam::Vec4::ONE;
+    rasteriser.draw_lines(
+        target,
+        &LineDraw { segments: &segments, colour, width_px: 1, clip_from_local: clip, state },
+    );
+    if !splats.positions.is_empty() {
+        let size = 2.0 * camera.error_px(splats.radius.into(), camera.eye().distance(node.origin)) as f32;
+        let (colours, splat) = (&[][..], Splat::Square);
+        let points = PointDraw {
+            positions: &splats.positions,
+            colours,
+            sizes_px: &[size],
+            splat,
+            clip_from_local: clip,
+            state,
+        };
+        rasteriser.draw_points(target, &points);
+    }
+}
