@@ -44,7 +44,7 @@ pub fn report(case: &Case, ask: &Ask) -> Result<(), Box<dyn Error>> {
         let more = (1..).map(|i| most + i * 500_000).take_while(|&at| at <= last);
         for at in checks.chain(more) {
             while sampler.rays() < at {
-                sampler.run(&Budget::rays(at.min(sampler.rays() + 20_000)));
+                sampler.run(&Budget::rays(at.min(sampler.rays() + 2_000)));
                 let share = f64::from(sampler.len()) / known.map_or(f64::INFINITY, f64::from);
                 for (goal, reached) in [0.5, 0.9, 0.95].into_iter().zip(&mut reached) {
                     if share >= goal && reached.is_none() {
