@@ -14,6 +14,10 @@ const EACH: usize = 4;
 /// Triangles, side by side in the picture, that rays of one viewpoint go past.
 const TOGETHER: usize = 8;
 
+/// Farthest past an edge, in radians. As far as gaps are wide: a tenth of it leaves three times as many false pixels among
+/// loose cubes.
+const FARTHEST: f64 = 0.1;
+
 /// Triangles of a unit.
 pub(crate) const TRIANGLES: usize = RAYS_PER_UNIT / EACH;
 
@@ -25,9 +29,9 @@ pub(crate) fn sample<C: RayCaster>(
     random: &mut Random,
     scratch: &mut Scratch,
 ) {
-    // From ε to the coarse tolerance, all magnitudes alike: neighbours are small and large.
-    let (low, high) = (space.options.epsilon, space.options.tolerance[0].max(space.options.epsilon));
-    let octaves = (high / low).log2();
+    // All magnitudes alike: neighbours are small and large.
+    let low = space.options.epsilon;
+    let octaves = (FARTHEST / low).log2();
     for first in (first..first + TRIANGLES).step_by(TOGETHER) {
         let origin = viewpoint(space.cell, random);
         let Scratch { aims, hits, out, .. } = &mut *scratch;

@@ -23,14 +23,14 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 /// Units in a wave: some for every thread, and few enough that what a wave finds is soon followed.
-const UNITS: usize = 32;
+const UNITS: usize = 64;
 
 /// Border jobs that wait at most; what comes later is found again or not at all, instead of filling the memory.
 const MOST_WAITING: usize = 1 << 22;
 
 /// Samples what can be seen from a view cell.
 ///
-/// Work goes in waves of 32 units that do not depend on one another and are merged in order, so the set is the same for any
+/// Work goes in waves of 64 units that do not depend on one another and are merged in order, so the set is the same for any
 /// number of threads (feature `rayon`) and however a run is cut into pieces.
 ///
 /// # Accuracy

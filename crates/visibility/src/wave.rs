@@ -17,13 +17,13 @@ use farsight_geometry::{Hit, Ray, RayCaster};
 use glam::DVec3;
 
 /// Single rays in a unit.
-pub(crate) const RAYS_PER_UNIT: usize = 512;
+pub(crate) const RAYS_PER_UNIT: usize = 256;
 
 /// Border jobs in a unit.
-pub(crate) const JOBS_PER_UNIT: usize = 16;
+pub(crate) const JOBS_PER_UNIT: usize = 8;
 
 /// Floods in a unit.
-pub(crate) const FLOODS_PER_UNIT: usize = 128;
+pub(crate) const FLOODS_PER_UNIT: usize = 64;
 
 /// What all units read.
 pub(crate) struct Space<'a, C> {
