@@ -245,6 +245,7 @@ impl TriangleMesh {
     ///
     /// # Panics
     /// When there is no such triangle.
+    #[inline]
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|i| self.positions[i as usize])
     }

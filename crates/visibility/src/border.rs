@@ -59,7 +59,8 @@ pub(crate) fn sample<C: RayCaster>(space: &Space<C>, group: &[Job], scratch: &mu
     for (owner, job) in group.iter().enumerate() {
         let corners = space.triangles.corners(job.sight.triangle).map(|p| p - origin);
         let first = aims.len() as u32;
-        outline(corners, space.options.epsilon, space.rounding(), space.options.bisector, aims);
+        let outline = Outline::new(corners, space.rounding());
+        outline.points(space.options.epsilon, space.options.bisector, aims);
         let last = aims.len() as u32;
         edges.extend((first..last).map(|i| [i, if i + 1 == last { first } else { i + 1 }]));
         owners.resize(aims.len(), owner as u32);
@@ -117,75 +118,69 @@ fn shoot<C: RayCaster>(space: &Space<C>, group: &[Job], scratch: &mut Scratch) {
     }
 }
 
-/// Directions across the edges that meet in a corner, and the one between them, out of the triangle.
-fn around_corner([before, at, after]: [DVec3; 3], is_back: bool, bisector: Bisector) -> [Option<DVec3>; 3] {
-    let (incoming, outgoing) = (across(before, at), across(at, after));
-    let middle = match (incoming, outgoing) {
-        (Some(p), Some(q)) if p.dot(q) > 0.0 => direction(p + q),
-        // The sum of the edges' directions at a sharp corner, in ones that stay apart.
-        (Some(p), Some(q)) => direction((p - q).cross(at)).map(|out| match bisector {
-            Bisector::Printed if !is_back => -out,
-            _ => out,
-        }),
-        _ => None,
-    };
-    [incoming, middle, outgoing]
-}
-
-/// The corners counter-clockwise as seen from the origin, so that directions across edges point outward; and whether they
-/// had to be turned.
-fn facing([a, b, c]: [DVec3; 3]) -> ([DVec3; 3], bool) {
-    let is_back = a.dot(b.cross(c)) > 0.0;
-    (if is_back { [a, c, b] } else { [a, b, c] }, is_back)
-}
-
-/// How far outside a corner the border runs: by the angle `epsilon`, and by no less than coordinates can tell.
-fn reach(corner: DVec3, epsilon: f64, coarse: f64) -> f64 {
-    (epsilon * corner.length()).max(8.0 * coarse)
-}
-
-/// The border of a triangle enlarged by the angle `epsilon`, as seen from the origin of its corners: up to nine points,
-/// counter-clockwise.
-///
-/// Around each corner lie a point across from each of its two edges and one on the bisector outside. `coarse` is what
-/// coordinates are rounded to. Points that have no direction (an edge seen end-on) are left out.
-pub(crate) fn outline(
+/// A triangle as seen from the origin of its corners, to be enlarged.
+pub(crate) struct Outline {
+    /// Counter-clockwise as seen from here, so that directions across edges point outward.
     corners: [DVec3; 3],
-    epsilon: f64,
+    is_back: bool,
+    /// Direction across the edge from each corner to the next; none for an edge seen end-on.
+    ways: [Option<DVec3>; 3],
+    distances: [f64; 3],
+    /// What coordinates are rounded to.
     coarse: f64,
-    bisector: Bisector,
-    points: &mut Vec<DVec3>,
-) {
-    let (corners, is_back) = facing(corners);
-    for i in 0..3 {
-        let [before, at, after] = [corners[(i + 2) % 3], corners[i], corners[(i + 1) % 3]];
-        let reach = reach(at, epsilon, coarse);
-        let ways = around_corner([before, at, after], is_back, bisector);
-        points.extend(ways.into_iter().flatten().map(|way| at + way * reach));
+}
+
+impl Outline {
+    pub(crate) fn new([a, b, c]: [DVec3; 3], coarse: f64) -> Self {
+        let is_back = a.dot(b.cross(c)) > 0.0;
+        let corners = if is_back { [a, c, b] } else { [a, b, c] };
+        let [a, b, c] = corners;
+        let ways = [across(a, b), across(b, c), across(c, a)];
+        Self { corners, is_back, ways, distances: corners.map(DVec3::length), coarse }
     }
-}
 
-/// A point on one of the nine sides of that border: `side` below 9, the point a share `along` of the way.
-pub(crate) fn on_outline(
-    corners: [DVec3; 3],
-    epsilon: f64,
-    coarse: f64,
-    side: usize,
-    along: f64,
-) -> Option<DVec3> {
-    let (corners, is_back) = facing(corners);
-    let [i, part] = [side / 3 % 3, side % 3];
-    let [before, at, after] = [corners[(i + 2) % 3], corners[i], corners[(i + 1) % 3]];
-    let out = reach(at, epsilon, coarse);
-    let (from, to) = if part == 2 {
-        // Along the edge to the next corner.
-        let way = across(at, after)?;
-        (at + way * out, after + way * reach(after, epsilon, coarse))
-    } else {
-        let ways = around_corner([before, at, after], is_back, Bisector::Outward);
-        (at + ways[part]? * out, at + ways[part + 1]? * out)
-    };
-    Some(from + (to - from) * along)
+    /// The direction out of a corner between those across its edges.
+    fn middle(&self, corner: usize, bisector: Bisector) -> Option<DVec3> {
+        let (incoming, outgoing) = (self.ways[(corner + 2) % 3]?, self.ways[corner]?);
+        if incoming.dot(outgoing) > 0.0 {
+            return direction(incoming + outgoing);
+        }
+        // The sum of the edges' directions at a sharp corner, in ones that stay apart.
+        direction((incoming - outgoing).cross(self.corners[corner])).map(|out| match bisector {
+            Bisector::Printed if !self.is_back => -out,
+            _ => out,
+        })
+    }
+
+    /// A point outside a corner by the angle `epsilon`, and by no less than coordinates can tell.
+    fn beyond(&self, corner: usize, way: DVec3, epsilon: f64) -> DVec3 {
+        self.corners[corner] + way * (epsilon * self.distances[corner]).max(8.0 * self.coarse)
+    }
+
+    /// The border of the triangle enlarged by the angle `epsilon`: up to nine points, counter-clockwise.
+    ///
+    /// Around each corner lie a point across from each of its two edges and one on the bisector outside. Points that have no
+    /// direction (an edge seen end-on) are left out.
+    pub(crate) fn points(&self, epsilon: f64, bisector: Bisector, points: &mut Vec<DVec3>) {
+        for corner in 0..3 {
+            let ways = [self.ways[(corner + 2) % 3], self.middle(corner, bisector), self.ways[corner]];
+            points.extend(ways.into_iter().flatten().map(|way| self.beyond(corner, way, epsilon)));
+        }
+    }
+
+    /// A point on one of the nine sides of that border: `side` below 9, the point a share `along` of the way.
+    pub(crate) fn point_on(&self, side: usize, along: f64, epsilon: f64) -> Option<DVec3> {
+        let corner = side / 3 % 3;
+        let (from, to) = match side % 3 {
+            0 => (self.ways[(corner + 2) % 3]?, self.middle(corner, Bisector::Outward)?),
+            1 => (self.middle(corner, Bisector::Outward)?, self.ways[corner]?),
+            _ => (self.ways[corner]?, self.ways[corner]?),
+        };
+        // The third side of a corner runs along the edge to the next one.
+        let end = if side % 3 == 2 { (corner + 1) % 3 } else { corner };
+        let (from, to) = (self.beyond(corner, from, epsilon), self.beyond(end, to, epsilon));
+        Some(from + (to - from) * along)
+    }
 }
 
 /// Unit vector square to the line of sight to an edge, out of the triangle at its left.
@@ -194,8 +189,12 @@ pub(crate) fn across(from: DVec3, to: DVec3) -> Option<DVec3> {
 }
 
 fn direction(v: DVec3) -> Option<DVec3> {
+    let square = v.length_squared();
+    if (1e-200..1e200).contains(&square) {
+        return Some(v / square.sqrt());
+    }
+    // Squares of tiny and huge vectors need not be representable.
     let largest = v.abs().max_element();
-    // Scaled first: squares of tiny and huge vectors need not be representable.
     (largest > 0.0 && largest.is_finite()).then(|| (v / largest).normalize())
 }
 
@@ -213,7 +212,7 @@ mod tests {
 
     fn around(corners: [DVec3; 3], epsilon: f64, bisector: Bisector) -> Vec<DVec3> {
         let mut points = Vec::new();
-        outline(corners, epsilon, 0.0, bisector, &mut points);
+        Outline::new(corners, 0.0).points(epsilon, bisector, &mut points);
         points
     }
 

@@ -1,6 +1,6 @@
 //! Border mutation: a new viewpoint, and directions just past the edges of what is known.
 
-use crate::border::on_outline;
+use crate::border::Outline;
 use crate::known::Known;
 use crate::random::viewpoint;
 use crate::sight::Sight;
@@ -38,10 +38,11 @@ pub(crate) fn sample<C: RayCaster>(
         aims.clear();
         for triangle in known.from(first, TOGETHER) {
             let corners = space.triangles.corners(triangle).map(|p| p - origin);
+            let outline = Outline::new(corners, space.rounding());
             aims.extend((0..EACH).filter_map(|_| {
                 let [along, octave] = random.units();
                 let (side, reach) = (random.below(9) as usize, low * (octave * octaves).exp2());
-                on_outline(corners, reach, space.rounding(), side, along)
+                outline.point_on(side, along, reach)
             }));
         }
         space.occluders.bundle(space.triangles, origin, aims, hits, |i, triangle| {

@@ -262,7 +262,12 @@ impl Bundle {
     #[inline(always)]
     fn reach<S: Simd>(&self, simd: S, boxes: &Boxes, lane: usize, rays: u32) -> u32 {
         let splat = |x: f32| f32x8::splat(simd, x);
-        let [x0, x1, y0, y1] = [0, 1, 2, 3].map(|i| boxes.sides[i][lane & 7]);
+        let [x0, x1, y0, y1] = [
+            boxes.sides[0][lane & 7],
+            boxes.sides[1][lane & 7],
+            boxes.sides[2][lane & 7],
+            boxes.sides[3][lane & 7],
+        ];
         let (near, far) = (splat(boxes.near[lane & 7]), splat(boxes.far[lane & 7]));
         let mut reached = 0;
         for group in 0..RAYS / 8 {
@@ -503,16 +508,20 @@ impl Boxes {
     /// The margin covers all roundings as in the test of single rays ([`super::single`]), whose distances are depths here.
     #[inline(always)]
     fn new<S: Simd>(simd: S, bundle: &Bundle, node: &Node, near: f32x8<S>, far: f32x8<S>) -> Self {
-        let side = |side: usize, end: usize| {
-            let origin = bundle.origin[side] as f32;
-            // Times the sign: depths are.
-            let error = if end == 0 { -bundle.error } else { bundle.error };
-            let relative = row(simd, &node.bounds[bundle.axes[side]], end) - origin + error;
-            (relative * bundle.sign).to_array()
-        };
-        let sides = [side(0, 0), side(0, 1), side(1, 0), side(1, 1)];
+        let [low_x, high_x] = relative(simd, bundle, node, 0);
+        let [low_y, high_y] = relative(simd, bundle, node, 1);
+        let sides = [low_x, high_x, low_y, high_y];
         Self { sides, near: near.to_array(), far: (far + 2.0 * bundle.error).to_array() }
     }
+}
+
+/// Lower and upper faces across one axis relative to the bundle's origin, times the sign, as depths are.
+#[inline(always)]
+fn relative<S: Simd>(simd: S, bundle: &Bundle, node: &Node, side: usize) -> [[f32; 8]; 2] {
+    let (origin, faces) = (bundle.origin[side] as f32, &node.bounds[bundle.axes[side]]);
+    let low = (row(simd, faces, 0) - origin - bundle.error) * bundle.sign;
+    let high = (row(simd, faces, 1) - origin + bundle.error) * bundle.sign;
+    [low.to_array(), high.to_array()]
 }
 
 #[inline(always)]
