@@ -3,7 +3,7 @@
 //! ```text
 //! cargo bench --bench visibility                          everything (some minutes); the scan needs FARSIGHT_DATA
 //! cargo bench --bench visibility -- --quick               smaller scenes and budgets
-//! cargo bench --bench visibility -- --only speed          one part: growth, error, speed, correct, bound, store, pictures
+//! cargo bench --bench visibility -- --only speed          one part: growth, speed, correct, small, bound, store, pictures
 //! cargo bench --bench visibility -- --scene cubes         one scene: city, igea or cubes
 //! cargo bench --bench visibility -- --make-reference      samples the reference sets anew and prints their lines
 //! ```
@@ -16,6 +16,7 @@ mod judge;
 mod pictures;
 mod reference;
 mod scenes;
+mod small;
 mod speed;
 mod store;
 
@@ -62,6 +63,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     if ask.wants("correct") {
         correct::report(&cases, &ask)?;
+    }
+    if ask.wants("small") {
+        small::report(&ask)?;
     }
     if ask.wants("bound") {
         bound::report(&cases, &ask)?;

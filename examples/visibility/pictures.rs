@@ -3,7 +3,7 @@
 use super::input::Input;
 use super::{Arguments, Sampled};
 use farsight_geometry::glam::DVec3;
-use farsight_geometry::scene::Scene;
+use farsight_geometry::scene::{Instance, Scene};
 use farsight_geometry::{Camera, TriangleMesh};
 use farsight_raster::{Image, Rasteriser, RenderOptions, SceneIds, render_scene};
 use farsight_visibility::Pvs;
@@ -53,21 +53,19 @@ fn kept(
     set: &Pvs,
     [width, height]: [u32; 2],
 ) -> Result<Image, Box<dyn Error>> {
-    let triangles: Vec<[u32; 3]> = set.iter().map(|t| mesh.triangles()[t as usize]).collect();
-    let seen = TriangleMesh::new(mesh.positions().to_vec(), triangles)?.with_origin(mesh.origin())?;
-    let size = seen.world_bounds().extent().length().max(1e-6);
-    let mut scene = Scene::of_mesh(seen);
-    scene.add_light(farsight_geometry::scene::Light::Directional {
-        direction: (input.ahead * 0.4 - input.up + input.ahead.cross(input.up) * 0.5).normalize(),
-        irradiance: farsight_geometry::glam::Vec3::splat(2.6),
-        angular_radius: 0.005,
-    })?;
+    let scene = only(&input.scene, set)?;
+    let size = set.iter().flat_map(|t| mesh.corners(t as usize)).fold(0.0f64, |size, p| {
+        let from_cell = mesh.origin() + p.as_dvec3() - input.cell.center();
+        size.max(from_cell.length())
+    });
+    let size = size.max(1e-6);
     let middle = input.cell.center();
-    let eye = middle + input.up * size * 0.45 - input.ahead * size * 0.35;
+    let eye =
+        middle + input.up * size * 0.4 - input.ahead * size * 0.5 + input.ahead.cross(input.up) * size * 0.25;
     let camera =
-        Camera::look_at(eye, middle + input.ahead * size * 0.02, input.up)?.with_image(width, height)?;
+        Camera::look_at(eye, middle + input.ahead * size * 0.12, input.up)?.with_image(width, height)?;
     let mut options = RenderOptions::default();
-    (options.up, options.sky) = (input.up, Some([farsight_geometry::glam::Vec3::splat(0.12); 2]));
+    (options.up, options.sky) = (input.up, Some([farsight_geometry::glam::Vec3::splat(0.03); 2]));
     let (target, _) = render_scene(&mut Rasteriser::new(), &scene, &camera, &options)?;
     let mut image = Image::from_colour(&target);
     // The cell's corners, as yellow dots.
@@ -83,6 +81,43 @@ fn kept(
     }
     image = Image::new(width, height, pixels)?;
     Ok(image)
+}
+
+/// A scene without the triangles that are not in the set.
+fn only(scene: &Scene, set: &Pvs) -> Result<Scene, Box<dyn Error>> {
+    let mut kept = Scene::new();
+    scene.textures().iter().for_each(|texture| _ = kept.add_texture(texture.clone()));
+    for material in scene.materials() {
+        kept.add_material(material.clone())?;
+    }
+    for &light in scene.lights() {
+        kept.add_light(light)?;
+    }
+    let mut first = 0;
+    for instance in scene.instances() {
+        let whole = scene.mesh_of(instance);
+        let last = first + whole.triangles().len() as u32;
+        let seen = set.intersection(&Pvs::from_sorted(first..last));
+        let triangles = seen.iter().map(|t| whole.triangles()[(t - first) as usize]).collect();
+        first = last;
+        if seen.is_empty() {
+            continue;
+        }
+        let mut mesh =
+            TriangleMesh::new(whole.positions().to_vec(), triangles)?.with_origin(whole.origin())?;
+        if let Some(normals) = whole.normals() {
+            mesh = mesh.with_normals(normals.to_vec())?;
+        }
+        if let Some(uvs) = whole.uvs() {
+            mesh = mesh.with_uvs(uvs.to_vec())?;
+        }
+        if let Some(colours) = whole.colours() {
+            mesh = mesh.with_colours(colours.to_vec())?;
+        }
+        let mesh = kept.add_mesh(mesh);
+        kept.add_instance(Instance { mesh, ..instance.clone() })?;
+    }
+    Ok(kept)
 }
 
 /// Points along the cell's edges.

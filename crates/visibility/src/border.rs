@@ -1,17 +1,20 @@
-//! Adaptive border sampling: rays just outside a triangle that was seen, and between them where they meet different things.
+//! Adaptive border sampling: rays just outside triangles that were seen, and between them where they meet different things.
 //!
-//! First comes a flood: one ray past the middle of each edge. On a connected surface that finds every neighbour for three rays
-//! a triangle. Only triangles at whose edges the surface breaks off are then sampled all around.
+//! Triangles that were seen from one viewpoint are sampled together: their rays go through the tree as bundles.
 
 use crate::options::{Bisector, Reverse};
 use crate::reverse;
 use crate::sight::Sight;
 use crate::wave::{Scratch, Space};
-use farsight_geometry::{Ray, RayCaster};
+use farsight_geometry::RayCaster;
 use glam::DVec3;
 
-/// Most rays that one triangle's border gets; what a finer subdivision would find is left to others.
+/// Most rays that the borders of one triangle get on average over a group; what a finer subdivision would find is left to
+/// others.
 const MOST_RAYS: usize = 4096;
+
+/// Triangles whose borders are sampled together.
+pub(crate) const GROUP: usize = 8;
 
 /// What a ray meets that meets nothing.
 pub(crate) const NOTHING: u32 = u32::MAX;
@@ -22,64 +25,13 @@ pub(crate) struct Job {
     pub(crate) sight: Sight,
     /// Angle below which no ray goes between two others.
     pub(crate) tolerance: f64,
+    /// Bits of the edges that the flood is to cross.
+    pub(crate) edges: u8,
 }
 
-/// How much nearer or farther than the triangle's plane, relatively, something past its edge must be for the surface to
-/// break off there.
-const BREAK: f64 = 1e-3;
-
-/// One ray past the middle of each edge of the triangles of `jobs`. Those where the surface breaks off are to be sampled
-/// all around.
-pub(crate) fn flood<C: RayCaster>(space: &Space<C>, jobs: &[Job], scratch: &mut Scratch) {
-    let Scratch { aims, rays, hits, owners, out, .. } = scratch;
-    rays.clear();
-    owners.clear();
-    for (index, job) in jobs.iter().enumerate() {
-        let origin = job.sight.origin;
-        let corners = space.triangles.corners(job.sight.triangle).map(|p| p - origin);
-        aims.clear();
-        middles(corners, space.options.epsilon, space.rounding(), aims);
-        rays.extend(aims.iter().filter_map(|&to| Ray::new(origin, to)));
-        owners.resize(rays.len(), index as u32);
-    }
-    space.occluders.batch(space.triangles, rays, hits, |i, triangle| {
-        out.see(space, Sight { triangle, origin: rays[i].origin(), direction: rays[i].direction() });
-    });
-    out.rays.border += rays.len() as u64;
-    let mut at = 0;
-    for (index, job) in jobs.iter().enumerate() {
-        let Sight { triangle: own, origin, .. } = job.sight;
-        let [a, b, c] = space.triangles.corners(own).map(|p| p - origin);
-        let normal = (b - a).cross(c - a);
-        let mut breaks = false;
-        while owners.get(at) == Some(&(index as u32)) {
-            let direction = rays[at].direction();
-            let met = hits[at].map(|hit| (space.triangles.of_hit(&hit), hit.t));
-            at += 1;
-            let Some((triangle, t)) = met else {
-                breaks = true;
-                continue;
-            };
-            out.self_hits += u64::from(triangle == own);
-            out.see(space, Sight { triangle, origin, direction });
-            let gap = normal.dot(a) / normal.dot(direction) - t;
-            breaks |= gap.is_nan() || gap.abs() > BREAK * t;
-        }
-        if breaks {
-            out.later.push(*job);
-        }
-    }
-}
-
-/// Points past the middles of a triangle's edges by the angle `epsilon`, as seen from the origin; none for an edge seen
-/// end-on.
-fn middles([a, b, c]: [DVec3; 3], epsilon: f64, coarse: f64, points: &mut Vec<DVec3>) {
-    let sign = if a.dot(b.cross(c)) > 0.0 { -1.0 } else { 1.0 };
-    points.extend([[a, b], [b, c], [c, a]].into_iter().filter_map(|[from, to]| {
-        let middle = (from + to) * 0.5;
-        let reach = sign * (epsilon * middle.length()).max(8.0 * coarse);
-        across(from, to).map(|out| middle + out * reach)
-    }));
+/// Jobs in a row that look from the same point.
+pub(crate) fn groups(jobs: &[Job], most: usize) -> impl Iterator<Item = &[Job]> {
+    jobs.chunk_by(|a, b| a.sight.origin == b.sight.origin).flat_map(move |jobs| jobs.chunks(most))
 }
 
 /// A border ray and what it met.
@@ -87,119 +39,169 @@ fn middles([a, b, c]: [DVec3; 3], epsilon: f64, coarse: f64, points: &mut Vec<DV
 pub(crate) struct Sample {
     /// Point that the ray is aimed at, relative to the viewpoint.
     pub(crate) to: DVec3,
-    unit: DVec3,
-    /// Triangle met, or [`NOTHING`].
-    pub(crate) met: u32,
     /// Distance of what was met; infinite for nothing.
     pub(crate) t: f64,
+    /// Triangle met, or [`NOTHING`].
+    pub(crate) met: u32,
+    /// Job of the group whose border it belongs to.
+    pub(crate) owner: u32,
 }
 
-/// Samples the border of a triangle. Which rays are shot depends on the job alone, not on what is known already: so jobs
-/// can run in any order, and side by side.
-pub(crate) fn sample<C: RayCaster>(space: &Space<C>, job: &Job, scratch: &mut Scratch) {
-    let corners = space.triangles.corners(job.sight.triangle).map(|p| p - job.sight.origin);
-    let options = &space.options;
-    let coarse = space.rounding();
-    scratch.aims.clear();
-    outline(corners, options.epsilon, coarse, options.bisector, &mut scratch.aims);
-    scratch.samples.clear();
-    shoot(space, job, scratch);
-    let count = scratch.samples.len() as u32;
-    scratch.edges.clear();
-    scratch.edges.extend((0..count).map(|i| [i, (i + 1) % count]));
-    while !scratch.edges.is_empty() && scratch.samples.len() < MOST_RAYS {
-        split(scratch, job.tolerance);
-        shoot(space, job, scratch);
+/// Samples the borders of a group's triangles, all seen from one viewpoint. Which rays are shot depends on the jobs alone,
+/// not on what is known already: so groups can be sampled in any order, and side by side.
+pub(crate) fn sample<C: RayCaster>(space: &Space<C>, group: &[Job], scratch: &mut Scratch) {
+    let Some(&Job { sight: Sight { origin, .. }, tolerance, .. }) = group.first() else { return };
+    let Scratch { aims, owners, edges, samples, .. } = scratch;
+    aims.clear();
+    owners.clear();
+    edges.clear();
+    samples.clear();
+    for (owner, job) in group.iter().enumerate() {
+        let corners = space.triangles.corners(job.sight.triangle).map(|p| p - origin);
+        let first = aims.len() as u32;
+        let outline = Outline::new(corners, space.rounding());
+        outline.points(space.options.epsilon, space.options.bisector, aims);
+        let last = aims.len() as u32;
+        edges.extend((first..last).map(|i| [i, if i + 1 == last { first } else { i + 1 }]));
+        owners.resize(aims.len(), owner as u32);
     }
-    if options.reverse != Reverse::Off {
-        reverse::sample(space, job, corners, scratch);
+    shoot(space, group, scratch);
+    let most = MOST_RAYS * group.len();
+    while !scratch.edges.is_empty() && scratch.samples.len() < most {
+        split(scratch, tolerance, most);
+        shoot(space, group, scratch);
+    }
+    if space.options.reverse != Reverse::Off {
+        reverse::sample(space, group, scratch);
     }
 }
 
 /// Replaces each edge whose ends met different things by its halves, and aims at their common points.
-fn split(scratch: &mut Scratch, tolerance: f64) {
-    let Scratch { edges, next_edges, samples, aims, .. } = scratch;
+fn split(scratch: &mut Scratch, tolerance: f64, most: usize) {
+    let Scratch { edges, next_edges, samples, aims, owners, .. } = scratch;
     next_edges.clear();
     aims.clear();
+    owners.clear();
     for &[a, b] in edges.iter() {
         let (from, to) = (&samples[a as usize], &samples[b as usize]);
-        let apart = from.unit.distance_squared(to.unit) >= tolerance * tolerance;
-        if from.met != to.met && apart && samples.len() + aims.len() < MOST_RAYS {
+        if from.met != to.met && samples.len() + aims.len() < most && are_apart(from.to, to.to, tolerance) {
             let middle = (samples.len() + aims.len()) as u32;
             aims.push((from.to + to.to) * 0.5);
+            owners.push(from.owner);
             next_edges.extend([[a, middle], [middle, b]]);
         }
     }
     std::mem::swap(edges, next_edges);
 }
 
+/// Whether the angle between two directions is at least `tolerance`, or so blunt that its sine is not.
+fn are_apart(a: DVec3, b: DVec3, tolerance: f64) -> bool {
+    let lengths = a.length_squared() * b.length_squared();
+    a.cross(b).length_squared() >= tolerance * tolerance * lengths || a.dot(b) < 0.0
+}
+
 /// Traces the rays that are aimed and appends them to the samples.
-fn shoot<C: RayCaster>(space: &Space<C>, job: &Job, scratch: &mut Scratch) {
-    let Scratch { aims, hits, samples, out, .. } = scratch;
-    let origin = job.sight.origin;
+fn shoot<C: RayCaster>(space: &Space<C>, group: &[Job], scratch: &mut Scratch) {
+    let Scratch { aims, hits, owners, samples, out, .. } = scratch;
+    let origin = group[0].sight.origin;
     space.occluders.bundle(space.triangles, origin, aims, hits, |i, triangle| {
         out.see(space, Sight { triangle, origin, direction: aims[i] });
     });
-    out.rays.border += aims.len() as u64;
-    for (&to, hit) in aims.iter().zip(hits.iter()) {
-        let met = hit.map_or(NOTHING, |h| space.triangles.of_hit(&h));
-        out.self_hits += u64::from(met == job.sight.triangle);
+    out.rays += aims.len() as u64;
+    for ((&to, &owner), hit) in aims.iter().zip(owners.iter()).zip(hits.iter()) {
+        let (met, t) = hit.map_or((NOTHING, f64::INFINITY), |h| (space.triangles.of_hit(&h), h.t));
         if met != NOTHING {
+            out.self_hits += u64::from(met == group[owner as usize].sight.triangle);
             out.see(space, Sight { triangle: met, origin, direction: to });
         }
-        let t = hit.map_or(f64::INFINITY, |h| h.t);
-        samples.push(Sample { to, unit: to.normalize_or_zero(), met, t });
+        samples.push(Sample { to, t, met, owner });
     }
 }
 
-/// The border of a triangle enlarged by the angle `epsilon`, as seen from the origin of its corners: up to nine points,
-/// counter-clockwise.
-///
-/// Around each corner lie a point across from each of its two edges and one on the bisector outside. `coarse` is what
-/// coordinates are rounded to. Points that have no direction (an edge seen end-on) are left out.
-pub(crate) fn outline(
-    [a, b, c]: [DVec3; 3],
-    epsilon: f64,
+/// A triangle as seen from the origin of its corners, to be enlarged.
+pub(crate) struct Outline {
+    /// Counter-clockwise as seen from here, so that directions across edges point outward.
+    corners: [DVec3; 3],
+    is_back: bool,
+    /// Direction across the edge from each corner to the next; none for an edge seen end-on.
+    ways: [Option<DVec3>; 3],
+    distances: [f64; 3],
+    /// What coordinates are rounded to.
     coarse: f64,
-    bisector: Bisector,
-    points: &mut Vec<DVec3>,
-) {
-    let is_back = a.dot(b.cross(c)) > 0.0;
-    // Counter-clockwise as seen from here, so that directions across edges point outward.
-    let corners = if is_back { [a, c, b] } else { [a, b, c] };
-    for i in 0..3 {
-        let [before, at, after] = [corners[(i + 2) % 3], corners[i], corners[(i + 1) % 3]];
-        let distance = at.length();
-        let reach = (epsilon * distance).max(8.0 * coarse);
-        let (incoming, outgoing) = (across(before, at), across(at, after));
-        let middle = match (incoming, outgoing) {
-            (Some(p), Some(q)) if p.dot(q) > 0.0 => direction(p + q),
-            // The sum of the edges' directions at a sharp corner, in ones that stay apart.
-            (Some(p), Some(q)) => direction((p - q).cross(at)).map(|out| match bisector {
-                Bisector::Printed if !is_back => -out,
-                _ => out,
-            }),
-            _ => None,
+}
+
+impl Outline {
+    pub(crate) fn new([a, b, c]: [DVec3; 3], coarse: f64) -> Self {
+        let is_back = a.dot(b.cross(c)) > 0.0;
+        let corners = if is_back { [a, c, b] } else { [a, b, c] };
+        let [a, b, c] = corners;
+        let ways = [across(a, b), across(b, c), across(c, a)];
+        Self { corners, is_back, ways, distances: corners.map(DVec3::length), coarse }
+    }
+
+    /// The direction out of a corner between those across its edges.
+    fn middle(&self, corner: usize, bisector: Bisector) -> Option<DVec3> {
+        let (incoming, outgoing) = (self.ways[(corner + 2) % 3]?, self.ways[corner]?);
+        if incoming.dot(outgoing) > 0.0 {
+            return direction(incoming + outgoing);
+        }
+        // The sum of the edges' directions at a sharp corner, in ones that stay apart.
+        direction((incoming - outgoing).cross(self.corners[corner])).map(|out| match bisector {
+            Bisector::Printed if !self.is_back => -out,
+            _ => out,
+        })
+    }
+
+    /// A point outside a corner by the angle `epsilon`, and by no less than coordinates can tell.
+    fn beyond(&self, corner: usize, way: DVec3, epsilon: f64) -> DVec3 {
+        self.corners[corner] + way * (epsilon * self.distances[corner]).max(8.0 * self.coarse)
+    }
+
+    /// The border of the triangle enlarged by the angle `epsilon`: up to nine points, counter-clockwise.
+    ///
+    /// Around each corner lie a point across from each of its two edges and one on the bisector outside. Points that have no
+    /// direction (an edge seen end-on) are left out.
+    pub(crate) fn points(&self, epsilon: f64, bisector: Bisector, points: &mut Vec<DVec3>) {
+        for corner in 0..3 {
+            let ways = [self.ways[(corner + 2) % 3], self.middle(corner, bisector), self.ways[corner]];
+            points.extend(ways.into_iter().flatten().map(|way| self.beyond(corner, way, epsilon)));
+        }
+    }
+
+    /// A point on one of the nine sides of that border: `side` below 9, the point a share `along` of the way.
+    pub(crate) fn point_on(&self, side: usize, along: f64, epsilon: f64) -> Option<DVec3> {
+        let corner = side / 3 % 3;
+        let (from, to) = match side % 3 {
+            0 => (self.ways[(corner + 2) % 3]?, self.middle(corner, Bisector::Outward)?),
+            1 => (self.middle(corner, Bisector::Outward)?, self.ways[corner]?),
+            _ => (self.ways[corner]?, self.ways[corner]?),
         };
-        points.extend([incoming, middle, outgoing].into_iter().flatten().map(|d| at + d * reach));
+        // The third side of a corner runs along the edge to the next one.
+        let end = if side % 3 == 2 { (corner + 1) % 3 } else { corner };
+        let (from, to) = (self.beyond(corner, from, epsilon), self.beyond(end, to, epsilon));
+        Some(from + (to - from) * along)
     }
 }
 
 /// Unit vector square to the line of sight to an edge, out of the triangle at its left.
-fn across(from: DVec3, to: DVec3) -> Option<DVec3> {
+pub(crate) fn across(from: DVec3, to: DVec3) -> Option<DVec3> {
     direction(from.cross(to - from))
 }
 
 fn direction(v: DVec3) -> Option<DVec3> {
+    let square = v.length_squared();
+    if (1e-200..1e200).contains(&square) {
+        return Some(v / square.sqrt());
+    }
+    // Squares of tiny and huge vectors need not be representable.
     let largest = v.abs().max_element();
-    // Scaled first: squares of tiny and huge vectors need not be representable.
     (largest > 0.0 && largest.is_finite()).then(|| (v / largest).normalize())
 }
 
 #[cfg(test)]
 impl Sample {
     pub(crate) fn for_test(to: DVec3, met: u32, t: f64) -> Self {
-        Self { to, unit: to.normalize(), met, t }
+        Self { to, t, met, owner: 0 }
     }
 }
 
@@ -210,7 +212,7 @@ mod tests {
 
     fn around(corners: [DVec3; 3], epsilon: f64, bisector: Bisector) -> Vec<DVec3> {
         let mut points = Vec::new();
-        outline(corners, epsilon, 0.0, bisector, &mut points);
+        Outline::new(corners, 0.0).points(epsilon, bisector, &mut points);
         points
     }
 

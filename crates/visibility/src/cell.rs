@@ -103,6 +103,18 @@ impl ViewCell {
         (on_triangle(facet.corners, [u, v]), Some(facet.normal))
     }
 
+    /// A point of an edge of the region, all edges alike; one of its ends with `along` zero. Where there is no edge, the point
+    /// that the region is.
+    pub(crate) fn on_rim(&self, which: f64, along: f64) -> DVec3 {
+        let (vertices, edges) = (self.body.vertices(), self.body.edges());
+        // Each edge from both of its ends.
+        let at = (which * 2.0 * edges.len() as f64) as usize;
+        let Some(edge) = edges.get(at / 2) else { return self.on_line(which) };
+        let [from, to] = edge.vertices.map(|v| vertices[v as usize]);
+        let [from, to] = if at & 1 == 0 { [from, to] } else { [to, from] };
+        from + (to - from) * along
+    }
+
     /// A viewpoint, uniform by volume; by area or length where the region has no volume.
     pub(crate) fn inside(&self, [which, u, v, w]: [f64; 4]) -> DVec3 {
         let Some(last) = self.pieces.last() else { return self.on_border([which, u, v]).0 };

@@ -69,7 +69,7 @@ impl Default for Options {
             epsilon: 5e-5,
             tolerance: [1e-2, 1e-3],
             directions: Directions::Hemisphere,
-            first_random: 1 << 16,
+            first_random: 1 << 14,
             border: true,
             flood: true,
             reverse: Reverse::Near,

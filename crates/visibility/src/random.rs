@@ -2,18 +2,13 @@
 
 use crate::cell::ViewCell;
 use farsight_geometry::Ray;
-use farsight_geometry::sampling::{Directions, Halton, Random, around};
+use farsight_geometry::sampling::{Directions, Random, around};
 use glam::DVec3;
 
-/// The random ray number `index`: a border point uniform by area, a direction around the outward normal there by the given
+/// A random ray: a border point uniform by area, a direction around the outward normal there by the given
 /// measure. Where the cell has no area, the direction is uniform over the sphere.
-pub(crate) fn border_ray(
-    cell: &ViewCell,
-    halton: &Halton,
-    directions: Directions,
-    index: u32,
-) -> Option<Ray> {
-    let [u, v, w, p, q] = halton.point(index);
+pub(crate) fn border_ray(cell: &ViewCell, directions: Directions, random: &mut Random) -> Option<Ray> {
+    let [u, v, w, p, q] = random.units();
     let (origin, normal) = cell.on_border([u, v, w]);
     let direction = match normal {
         Some(normal) => around(normal, directions.sample([p, q])),
@@ -27,7 +22,12 @@ pub(crate) fn view_ray(cell: &ViewCell, random: &mut Random) -> Option<Ray> {
     Ray::new(cell.inside(random.units()), Directions::Sphere.sample(random.units()))
 }
 
-/// A border point uniform by area.
-pub(crate) fn border_point(cell: &ViewCell, random: &mut Random) -> DVec3 {
-    cell.on_border(random.units()).0
+/// A viewpoint from which something may show that does not from elsewhere: a border point uniform by area, or in turn one of
+/// an edge or a corner of the cell, since what shows only just does so from there.
+pub(crate) fn viewpoint(cell: &ViewCell, random: &mut Random) -> DVec3 {
+    match random.below(4) {
+        0 => cell.on_rim(random.unit(), 0.0),
+        1 => cell.on_rim(random.unit(), random.unit()),
+        _ => cell.on_border(random.units()).0,
+    }
 }

@@ -14,22 +14,29 @@ const GAP: f64 = 1e-3;
 /// The predicted distance is believed within these factors of that of the border point; grazed planes lead anywhere.
 const BELIEVED: [f64; 2] = [0.25, 4.0];
 
-/// Shoots the reverse rays of a job's border samples. `corners` are those of its triangle, relative to the viewpoint.
-pub(crate) fn sample<C: RayCaster>(space: &Space<C>, job: &Job, corners: [DVec3; 3], scratch: &mut Scratch) {
-    let Scratch { samples, rays, hits, stoppers, out, .. } = scratch;
+/// Shoots the reverse rays of a group's border samples.
+pub(crate) fn sample<C: RayCaster>(space: &Space<C>, group: &[Job], scratch: &mut Scratch) {
+    let Scratch { samples, rays, hits, stopped, planes, out, .. } = scratch;
     rays.clear();
-    stoppers.clear();
-    let origin = job.sight.origin;
-    for sample in samples.iter() {
-        let Some(distance) = stopped(sample, corners) else { continue };
-        // What stops many rays is passed once.
-        if sample.met == job.sight.triangle || stoppers.contains(&sample.met) {
-            continue;
+    stopped.clear();
+    planes.clear();
+    let origin = group[0].sight.origin;
+    let relative = |triangle: u32| space.triangles.corners(triangle).map(|p| p - origin);
+    planes.extend(group.iter().map(|job| Plane::of(relative(job.sight.triangle))));
+    for (index, sample) in samples.iter().enumerate() {
+        let own = group[sample.owner as usize].sight.triangle;
+        if sample.met != own && planes[sample.owner as usize].stopped_before(sample).is_some() {
+            stopped.push([sample.owner, sample.met, index as u32]);
         }
-        stoppers.push(sample.met);
+    }
+    // What stops many rays of one border is passed once.
+    stopped.sort_unstable();
+    stopped.dedup_by_key(|[owner, met, _]| [*owner, *met]);
+    for &[owner, met, index] in stopped.iter() {
+        let (job, sample) = (&group[owner as usize], &samples[index as usize]);
+        let Some(distance) = planes[owner as usize].stopped_before(sample) else { continue };
         let wanted = origin + sample.to.normalize_or_zero() * distance;
-        let stopper = space.triangles.corners(sample.met).map(|p| p - origin);
-        let Some(ends) = ends(stopper, sample.to, job.sight.direction, space.options.epsilon) else {
+        let Some(ends) = ends(relative(met), sample.to, job.sight.direction, space.options.epsilon) else {
             continue;
         };
         let wanted_ends = if space.options.reverse == Reverse::Both { &ends[..] } else { &ends[..1] };
@@ -44,7 +51,7 @@ pub(crate) fn sample<C: RayCaster>(space: &Space<C>, job: &Job, corners: [DVec3;
     space.occluders.batch(space.triangles, rays, hits, |i, triangle| {
         out.see(space, Sight { triangle, origin: rays[i].origin(), direction: rays[i].direction() });
     });
-    out.rays.reverse += rays.len() as u64;
+    out.reverse += rays.len() as u64;
     for (ray, hit) in rays.iter().zip(hits.iter()) {
         if let Some(hit) = hit {
             let triangle = space.triangles.of_hit(hit);
@@ -53,17 +60,29 @@ pub(crate) fn sample<C: RayCaster>(space: &Space<C>, job: &Job, corners: [DVec3;
     }
 }
 
-/// The distance at which the ray was predicted to meet the plane of the triangle, when something stopped it before.
-fn stopped(sample: &Sample, [a, b, c]: [DVec3; 3]) -> Option<f64> {
-    if sample.met == NOTHING {
-        return None;
+/// The plane of a triangle, relative to the viewpoint.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plane {
+    normal: DVec3,
+    height: f64,
+}
+
+impl Plane {
+    fn of([a, b, c]: [DVec3; 3]) -> Self {
+        let normal = (b - a).cross(c - a);
+        Self { normal, height: normal.dot(a) }
     }
-    let normal = (b - a).cross(c - a);
-    let aimed = sample.to.length();
-    let predicted = aimed * normal.dot(a) / normal.dot(sample.to);
-    let believed = predicted >= BELIEVED[0] * aimed && predicted <= BELIEVED[1] * aimed;
-    let predicted = if believed { predicted } else { aimed };
-    (predicted - sample.t > GAP * predicted).then_some(predicted)
+
+    /// The distance at which the ray was predicted to meet the plane, when something stopped it before.
+    fn stopped_before(&self, sample: &Sample) -> Option<f64> {
+        if sample.met == NOTHING {
+            return None;
+        }
+        let factor = self.height / self.normal.dot(sample.to);
+        let believed = (BELIEVED[0]..=BELIEVED[1]).contains(&factor);
+        let predicted = sample.to.length() * if believed { factor } else { 1.0 };
+        (predicted - sample.t > GAP * predicted).then_some(predicted)
+    }
 }
 
 /// Points just outside a triangle, on both ends of its section with the plane through the viewpoint and two directions: first
@@ -106,11 +125,12 @@ mod tests {
     fn grazed_planes_fall_back_to_the_distance_of_the_border() {
         let sample = |to: DVec3, t: f64| Sample::for_test(to, 7, t);
         let flat = [DVec3::new(-1.0, -1.0, -4.0), DVec3::new(1.0, -1.0, -4.0), DVec3::new(0.0, 1.0, -4.0)];
-        assert_eq!(stopped(&sample(DVec3::NEG_Z * 4.0, 2.0), flat), Some(4.0));
-        assert_eq!(stopped(&sample(DVec3::NEG_Z * 4.0, 3.9999), flat), None);
+        assert_eq!(Plane::of(flat).stopped_before(&sample(DVec3::NEG_Z * 4.0, 2.0)), Some(4.0));
+        assert_eq!(Plane::of(flat).stopped_before(&sample(DVec3::NEG_Z * 4.0, 3.9999)), None);
         // Nearly in the triangle's plane: the prediction is behind or very far.
         let grazed = [DVec3::new(1.0, 0.0, -4.0), DVec3::new(1.0, 1e-9, -4.0), DVec3::new(1.0, 0.0, -6.0)];
         let to = DVec3::new(1.0 - 1e-12, 0.0, -4.0);
-        assert!((stopped(&sample(to, 1.0), grazed).unwrap() - to.length()).abs() < 1e-6);
+        let distance = Plane::of(grazed).stopped_before(&sample(to, 1.0)).unwrap();
+        assert!((distance - to.length()).abs() < 1e-6);
     }
 }

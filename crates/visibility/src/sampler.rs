@@ -4,6 +4,9 @@ use crate::VisibilityError;
 use crate::bits::Bits;
 use crate::border::Job;
 use crate::cell::ViewCell;
+use crate::flood::Crossed;
+use crate::known::Known;
+use crate::mutation;
 use crate::occluders::Occluders;
 use crate::options::{Budget, MissedLimit, Options};
 use crate::overlap::touches;
@@ -12,23 +15,22 @@ use crate::schedule::{COUNT, STRATEGIES, Schedule, Strategy};
 use crate::sight::{Sight, Witness};
 use crate::triangles::Triangles;
 use crate::validate::{Missed, RAYS_PER_LOOK_UNIT, confidence_of_look, look, rays_to_prove, upper_bound};
-use crate::wave::{FLOODS_PER_UNIT, JOBS_PER_UNIT, RAYS_PER_UNIT, Rays, Scratch, Space, Unit, Wave};
+use crate::wave::{FLOODS_PER_UNIT, JOBS_PER_UNIT, RAYS_PER_UNIT, Scratch, Space, Unit, Wave};
 use farsight_geometry::accuracy::Counters;
-use farsight_geometry::sampling::Halton;
 use farsight_geometry::{Cost, RayCaster};
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 /// Units in a wave: some for every thread, and few enough that what a wave finds is soon followed.
-const UNITS: usize = 32;
+const UNITS: usize = 64;
 
 /// Border jobs that wait at most; what comes later is found again or not at all, instead of filling the memory.
 const MOST_WAITING: usize = 1 << 22;
 
 /// Samples what can be seen from a view cell.
 ///
-/// Work goes in waves of 32 units that do not depend on one another and are merged in order, so the set is the same for any
+/// Work goes in waves of 64 units that do not depend on one another and are merged in order, so the set is the same for any
 /// number of threads (feature `rayon`) and however a run is cut into pieces.
 ///
 /// # Accuracy
@@ -43,19 +45,22 @@ const MOST_WAITING: usize = 1 << 22;
 pub struct Sampler<'a, C> {
     space: Space<'a, C>,
     members: Bits,
-    /// Triangles whose borders were queued or that touch the cell, in order of discovery.
-    known: Vec<u32>,
+    /// Triangles whose borders were queued or that touch the cell.
+    known: Known,
     witnesses: Vec<(u32, Witness)>,
-    /// Triangles to flood from, and to sample all around.
+    /// Triangles to flood from, edges that need no more crossing, and triangles to sample all around.
     floods: VecDeque<Job>,
+    crossed: Crossed,
     queue: VecDeque<Job>,
     /// Border jobs so far of each member of several triangles.
     jobs_of: Vec<u32>,
     schedule: Schedule,
-    halton: Halton,
-    next_random: u32,
     next_stream: u64,
-    rays: Rays,
+    /// Known triangles whose turn is next.
+    turns: [usize; 2],
+    /// Rays of each strategy, and reverse rays.
+    rays: [u64; COUNT],
+    reverse: u64,
     validation_rays: u64,
     /// Looks at independent pixels so far, the last bound, and the rays at the last look of a run.
     looks: u32,
@@ -98,16 +103,17 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         let mut sampler = Self {
             space: Space { triangles, occluders, cell, options, seen, largest },
             members: Bits::new(triangles.members()),
-            known: Vec::new(),
+            known: Known::new(cell.bounds().center()),
             witnesses: Vec::new(),
             floods: VecDeque::new(),
+            crossed: Crossed::default(),
             queue: VecDeque::new(),
             jobs_of: vec![0; if triangles.is_grouped() { triangles.members() as usize } else { 0 }],
             schedule: Schedule::default(),
-            halton: Halton::new(options.seed),
-            next_random: 0,
             next_stream: 0,
-            rays: Rays::default(),
+            turns: [0; 2],
+            rays: [0; COUNT],
+            reverse: 0,
             validation_rays: 0,
             looks: 0,
             missed: None,
@@ -126,7 +132,7 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         for (triangle, corners) in triangles.near(cell.bounds()) {
             if touches(cell, corners) {
                 sampler.space.seen.insert(triangle);
-                sampler.known.push(triangle);
+                sampler.known.push(triangle, corners);
                 sampler.add_member(triangle, Witness::Touches(triangle));
             }
         }
@@ -161,7 +167,7 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
             budget.new_per_million.is_some_and(|limit| self.new_per_million().is_some_and(|new| new < limit));
         // Without triangles there is nothing to be seen.
         self.space.triangles.count() == 0
-            || self.rays.all() >= budget.rays
+            || self.rays() >= budget.rays
             || settled
             || budget.missed.is_some_and(|limit| self.holds(limit))
             || budget.time.is_some_and(|limit| elapsed >= limit)
@@ -176,8 +182,9 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
 
     fn wave(&mut self) {
         let start = Instant::now();
+        self.known.settle();
         self.plan();
-        let wave = Wave { jobs: &self.jobs, known: &self.known, halton: self.halton };
+        let wave = Wave { jobs: &self.jobs, known: &self.known };
         let space = &self.space;
         let work = self.units.iter().zip(&mut self.scratch);
         #[cfg(feature = "rayon")]
@@ -190,8 +197,8 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         work.for_each(|(&(_, unit), scratch)| wave.run(space, unit, scratch));
         self.merge();
         self.waves += 1;
-        self.history.push_back((self.rays.all(), self.members.len()));
-        while self.history.get(1).is_some_and(|next| self.rays.all() - next.0 >= 1_000_000) {
+        self.history.push_back((self.rays(), self.members.len()));
+        while self.history.get(1).is_some_and(|next| self.rays() - next.0 >= 1_000_000) {
             self.history.pop_front();
         }
         self.time += start.elapsed();
@@ -202,12 +209,12 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         let options = self.space.options;
         self.units.clear();
         self.jobs.clear();
-        if self.rays.all() < options.first_random {
-            let missing = (options.first_random - self.rays.all()).div_ceil(RAYS_PER_UNIT as u64);
+        if self.rays() < options.first_random {
+            let missing = (options.first_random - self.rays()).div_ceil(RAYS_PER_UNIT as u64);
             self.push(Strategy::Random, missing.min(UNITS as u64) as usize);
             return;
         }
-        let (floods, waiting, any_known) = (self.floods.len(), self.queue.len(), !self.known.is_empty());
+        let (floods, waiting, any_known) = (self.floods.len(), self.queue.len(), self.known.len() > 0);
         let borders_first = options.least_share == 0.0 && options.border;
         if borders_first {
             match (floods, waiting) {
@@ -238,12 +245,19 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         for _ in 0..units {
             let unit = match strategy {
                 Strategy::Flood => {
-                    let (first, count) = (self.jobs.len(), self.floods.len().min(FLOODS_PER_UNIT));
-                    if count == 0 {
+                    let first = self.jobs.len();
+                    while self.jobs.len() < first + FLOODS_PER_UNIT {
+                        let Some(mut job) = self.floods.pop_front() else { break };
+                        let corners = self.space.triangles.corners(job.sight.triangle);
+                        job.edges = self.crossed.cross(corners);
+                        if job.edges != 0 {
+                            self.jobs.push(job);
+                        }
+                    }
+                    if self.jobs.len() == first {
                         return;
                     }
-                    self.jobs.extend(self.floods.drain(..count));
-                    Unit::Flood { first }
+                    Unit::Flood { first, last: self.jobs.len() }
                 }
                 Strategy::Border => {
                     let (first, count) = (self.jobs.len(), self.queue.len().min(JOBS_PER_UNIT));
@@ -251,18 +265,27 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
                         return;
                     }
                     self.jobs.extend(self.queue.drain(..count));
-                    Unit::Border { first }
+                    Unit::Border { first, last: self.jobs.len() }
                 }
-                Strategy::Random => {
-                    let first = self.next_random;
-                    self.next_random = first.wrapping_add(RAYS_PER_UNIT as u32);
-                    Unit::Random { first }
+                Strategy::Random => Unit::Random { stream: self.stream() },
+                Strategy::Mutation => {
+                    Unit::Mutation { stream: self.stream(), first: self.turn(0, mutation::TRIANGLES) }
                 }
-                Strategy::Mutation => Unit::Mutation { stream: self.stream() },
-                Strategy::Revisit => Unit::Revisit { stream: self.stream() },
+                Strategy::Revisit => {
+                    Unit::Revisit { stream: self.stream(), first: self.turn(1, JOBS_PER_UNIT) }
+                }
             };
             self.units.push((strategy, unit));
         }
+    }
+
+    /// Whose turn it is to be mutated or revisited: each strategy goes round the picture, so that what is sampled together
+    /// lies together, and nothing is left out.
+    fn turn(&mut self, which: usize, count: usize) -> usize {
+        let turn = &mut self.turns[which];
+        let first = *turn;
+        *turn = (first + count) % self.known.len().max(1);
+        first
     }
 
     fn stream(&mut self) -> u64 {
@@ -280,8 +303,9 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
             scratch.out.sights.iter().for_each(|sight| self.see(sight));
             scratch.out.later.iter().for_each(|job| self.wait(false, *job));
             found[strategy as usize] += u64::from(self.members.len() - before);
-            rays[strategy as usize] += scratch.out.rays.all();
-            self.rays.add(&scratch.out.rays);
+            rays[strategy as usize] += scratch.out.rays + scratch.out.reverse;
+            self.rays[strategy as usize] += scratch.out.rays;
+            self.reverse += scratch.out.reverse;
             self.self_hits += scratch.out.self_hits;
         }
         (self.units, self.scratch) = (units, scratch);
@@ -303,12 +327,12 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
             }
             *jobs += 1;
         }
-        self.known.push(sight.triangle);
+        self.known.push(sight.triangle, self.space.triangles.corners(sight.triangle));
         if !self.space.options.border {
             return;
         }
         let tolerance = self.space.options.tolerance[0];
-        self.wait(self.space.options.flood, Job { sight: *sight, tolerance });
+        self.wait(self.space.options.flood, Job { sight: *sight, tolerance, edges: 0 });
     }
 
     /// Puts a job into the queue of floods or of borders.
@@ -363,10 +387,10 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         let needed = |look| rays_to_prove(limit.share, confidence_of_look(limit.confidence, look));
         // A third more rays than last time, and as many as the look costs.
         let due = (self.looked_at + self.looked_at / 3).max(self.looked_at + needed(self.looks + 1) / 2);
-        if self.rays.all() < due.max(self.space.options.first_random) || self.holds(limit) {
+        if self.rays() < due.max(self.space.options.first_random) || self.holds(limit) {
             return;
         }
-        self.looked_at = self.rays.all();
+        self.looked_at = self.rays();
         self.looks += 1;
         let confidence = confidence_of_look(limit.confidence, self.looks);
         let rays = rays_to_prove(limit.share, confidence);
@@ -442,18 +466,20 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
 
     /// Rays shot for the set so far.
     pub fn rays(&self) -> u64 {
-        self.rays.all()
+        self.rays.iter().sum::<u64>() + self.reverse
     }
 
     /// Time and work so far. Counters: rays by strategy, waves, border rays that met their own triangle, waiting jobs.
     pub fn cost(&self) -> Cost {
         let mut counters = Counters::new();
         for (name, count) in [
-            ("rays", self.rays.all()),
-            ("random", self.rays.random),
-            ("border", self.rays.border),
-            ("reverse", self.rays.reverse),
-            ("mutation", self.rays.mutation),
+            ("rays", self.rays()),
+            ("random", self.rays[Strategy::Random as usize]),
+            ("flood", self.rays[Strategy::Flood as usize]),
+            ("border", self.rays[Strategy::Border as usize]),
+            ("reverse", self.reverse),
+            ("mutation", self.rays[Strategy::Mutation as usize]),
+            ("revisit", self.rays[Strategy::Revisit as usize]),
             ("validation", self.validation_rays),
             ("waves", self.waves),
             ("self_hits", self.self_hits),
@@ -462,7 +488,7 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         ] {
             counters.add(name, count);
         }
-        let bytes = (self.known.len() * 4 + (self.floods.len() + self.queue.len()) * size_of::<Job>()) as u64;
+        let bytes = (self.known.len() * 8 + (self.floods.len() + self.queue.len()) * size_of::<Job>()) as u64;
         Cost { time: self.time, bytes, counters }
     }
 }

@@ -1,26 +1,29 @@
 //! A wave: units of work that know nothing of one another, so that any number of threads gives the same result.
 
 use crate::bits::Bits;
-use crate::border::{self, Job, Sample};
+use crate::border::{self, GROUP, Job, Sample};
 use crate::cell::ViewCell;
+use crate::flood;
+use crate::known::Known;
 use crate::mutation;
 use crate::occluders::Occluders;
 use crate::options::Options;
 use crate::random;
+use crate::reverse::Plane;
 use crate::sight::Sight;
 use crate::triangles::Triangles;
-use farsight_geometry::sampling::{Halton, Random};
+use farsight_geometry::sampling::Random;
 use farsight_geometry::{Hit, Ray, RayCaster};
 use glam::DVec3;
 
 /// Single rays in a unit.
-pub(crate) const RAYS_PER_UNIT: usize = 512;
+pub(crate) const RAYS_PER_UNIT: usize = 256;
 
 /// Border jobs in a unit.
-pub(crate) const JOBS_PER_UNIT: usize = 16;
+pub(crate) const JOBS_PER_UNIT: usize = 8;
 
 /// Floods in a unit.
-pub(crate) const FLOODS_PER_UNIT: usize = 128;
+pub(crate) const FLOODS_PER_UNIT: usize = 64;
 
 /// What all units read.
 pub(crate) struct Space<'a, C> {
@@ -44,38 +47,16 @@ impl<C> Space<'_, C> {
 /// A unit of work.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Unit {
-    /// Floods from the jobs of the wave from `first` on.
-    Flood { first: usize },
-    /// Borders of the jobs of the wave from `first` on.
-    Border { first: usize },
-    /// Random rays from this index on.
-    Random { first: u32 },
-    /// Mutations, with this stream of random numbers.
-    Mutation { stream: u64 },
-    /// Borders of known triangles from new viewpoints.
-    Revisit { stream: u64 },
-}
-
-/// Rays by strategy.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Rays {
-    pub(crate) random: u64,
-    pub(crate) border: u64,
-    pub(crate) reverse: u64,
-    pub(crate) mutation: u64,
-}
-
-impl Rays {
-    pub(crate) fn all(&self) -> u64 {
-        self.random + self.border + self.reverse + self.mutation
-    }
-
-    pub(crate) fn add(&mut self, other: &Self) {
-        self.random += other.random;
-        self.border += other.border;
-        self.reverse += other.reverse;
-        self.mutation += other.mutation;
-    }
+    /// Floods from some jobs of the wave.
+    Flood { first: usize, last: usize },
+    /// Borders of some jobs of the wave.
+    Border { first: usize, last: usize },
+    /// Random rays, with this stream of random numbers.
+    Random { stream: u64 },
+    /// Mutations of known triangles from `first` on, with this stream of random numbers.
+    Mutation { stream: u64, first: usize },
+    /// Borders of known triangles from `first` on, from new viewpoints.
+    Revisit { stream: u64, first: usize },
 }
 
 /// What a unit found.
@@ -85,7 +66,9 @@ pub(crate) struct Out {
     pub(crate) sights: Vec<Sight>,
     /// Triangles to be sampled all around.
     pub(crate) later: Vec<Job>,
-    pub(crate) rays: Rays,
+    /// Rays of the unit's strategy, and the reverse rays that they led to.
+    pub(crate) rays: u64,
+    pub(crate) reverse: u64,
     /// Border rays that met the triangle they should pass.
     pub(crate) self_hits: u64,
 }
@@ -105,51 +88,50 @@ impl Out {
 pub(crate) struct Scratch {
     pub(crate) out: Out,
     pub(crate) aims: Vec<DVec3>,
-    pub(crate) next_aims: Vec<DVec3>,
     pub(crate) hits: Vec<Option<Hit>>,
     pub(crate) rays: Vec<Ray>,
     pub(crate) samples: Vec<Sample>,
     pub(crate) edges: Vec<[u32; 2]>,
     pub(crate) next_edges: Vec<[u32; 2]>,
-    pub(crate) stoppers: Vec<u32>,
+    pub(crate) planes: Vec<Plane>,
+    /// Owner of a border sample, what stopped it, and which it is.
+    pub(crate) stopped: Vec<[u32; 3]>,
     pub(crate) owners: Vec<u32>,
+    pub(crate) group: Vec<Job>,
 }
 
 /// What a wave works on, besides the space.
 pub(crate) struct Wave<'a> {
     pub(crate) jobs: &'a [Job],
-    pub(crate) known: &'a [u32],
-    pub(crate) halton: Halton,
+    pub(crate) known: &'a Known,
 }
 
 impl Wave<'_> {
     pub(crate) fn run<C: RayCaster>(&self, space: &Space<C>, unit: Unit, scratch: &mut Scratch) {
         scratch.out.sights.clear();
         scratch.out.later.clear();
-        scratch.out.rays = Rays::default();
+        (scratch.out.rays, scratch.out.reverse) = (0, 0);
         scratch.out.self_hits = 0;
         match unit {
-            Unit::Flood { first } => {
-                let last = (first + FLOODS_PER_UNIT).min(self.jobs.len());
-                border::flood(space, &self.jobs[first..last], scratch);
+            Unit::Flood { first, last } => flood::flood(space, &self.jobs[first..last], scratch),
+            Unit::Border { first, last } => {
+                border::groups(&self.jobs[first..last], GROUP)
+                    .for_each(|group| border::sample(space, group, scratch));
             }
-            Unit::Border { first } => {
-                let last = (first + JOBS_PER_UNIT).min(self.jobs.len());
-                self.jobs[first..last].iter().for_each(|job| border::sample(space, job, scratch));
-            }
-            Unit::Random { first } => {
-                scratch.rays.clear();
-                let indices = (0..RAYS_PER_UNIT as u32).map(|i| first.wrapping_add(i));
-                let directions = space.options.directions;
-                let ray = |i| random::border_ray(space.cell, &self.halton, directions, i);
-                scratch.rays.extend(indices.filter_map(ray));
-                scratch.out.rays.random += self.shoot(space, scratch);
-            }
-            Unit::Mutation { stream } => {
+            Unit::Random { stream } => {
                 let mut random = Random::new(space.options.seed).stream(stream);
-                mutation::sample(space, self.known, &mut random, RAYS_PER_UNIT, scratch);
+                let directions = space.options.directions;
+                scratch.rays.clear();
+                let rays = (0..RAYS_PER_UNIT)
+                    .filter_map(|_| random::border_ray(space.cell, directions, &mut random));
+                scratch.rays.extend(rays);
+                scratch.out.rays += self.shoot(space, scratch);
             }
-            Unit::Revisit { stream } => self.revisit(space, stream, scratch),
+            Unit::Mutation { stream, first } => {
+                let mut random = Random::new(space.options.seed).stream(stream);
+                mutation::sample(space, self.known, first, &mut random, scratch);
+            }
+            Unit::Revisit { stream, first } => self.revisit(space, stream, first, scratch),
         }
     }
 
@@ -170,15 +152,19 @@ impl Wave<'_> {
     }
 
     /// Samples borders of known triangles from new viewpoints, as finely as is allowed.
-    fn revisit<C: RayCaster>(&self, space: &Space<C>, stream: u64, scratch: &mut Scratch) {
+    fn revisit<C: RayCaster>(&self, space: &Space<C>, stream: u64, first: usize, scratch: &mut Scratch) {
         let mut random = Random::new(space.options.seed).stream(stream);
-        for _ in 0..JOBS_PER_UNIT {
-            let triangle = self.known[random.below(self.known.len() as u64) as usize];
-            let origin = random::border_point(space.cell, &mut random);
-            let [a, b, c] = space.triangles.corners(triangle);
-            let direction = (a + b + c) / 3.0 - origin;
-            let tolerance = space.options.tolerance[1];
-            border::sample(space, &Job { sight: Sight { triangle, origin, direction }, tolerance }, scratch);
+        let mut group = std::mem::take(&mut scratch.group);
+        for first in (first..first + JOBS_PER_UNIT).step_by(GROUP) {
+            let origin = random::viewpoint(space.cell, &mut random);
+            group.clear();
+            group.extend(self.known.from(first, GROUP).map(|triangle| {
+                let [a, b, c] = space.triangles.corners(triangle);
+                let sight = Sight { triangle, origin, direction: (a + b + c) / 3.0 - origin };
+                Job { sight, tolerance: space.options.tolerance[1], edges: 0 }
+            }));
+            border::sample(space, &group, scratch);
         }
+        scratch.group = group;
     }
 }

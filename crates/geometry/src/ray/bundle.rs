@@ -1,23 +1,54 @@
 //! Rays of one origin together through the tree.
 //!
-//! A bundle is bounded by a pyramid: directions per unit of the common main axis lie in a rectangle. Nodes and blocks are
-//! tested against the pyramid once for all rays; what remains of a block is tested against eight rays at a time. As for
-//! single rays, `f32` with margins only sorts out misses, and the same `f64` arithmetic decides, here four rays at a
-//! time. So a bundle's hits are those of its rays, bit for bit.
+//! A bundle is bounded by a pyramid: directions per unit of the common main axis lie in a rectangle. A node's eight boxes
+//! are tested against the pyramid once for all rays; each box that is left, against eight rays at a time, so that a ray goes
+//! only where it would go by itself. In the leaves many rays are tested against one triangle at a time, a few rays
+//! against eight triangles each. As for single rays, `f32` with margins only sorts out misses, and the same `f64` arithmetic
+//! decides. So a bundle's hits are those of its rays, bit for bit.
 
 use super::Hit;
-use super::exact::{Faces, axes, each};
+use super::exact::{Faces, Sheared, axes, each};
 use super::frame::Frame;
-use super::single::{Best, Place, SHEARED_ERROR, Stack};
-use super::tree::{Block, Node, Tree};
+use super::single::{Best, SHEARED_ERROR};
+use super::tree::{BLOCK, Block, Node, STACK, Tree};
 use fearless_simd::{Simd, f32x8, f64x4, mask32x8, mask64x4, prelude::*};
 use glam::DVec3;
 
 /// Most rays in a bundle; longer lists are cut.
-pub(super) const RAYS: usize = 32;
+const RAYS: usize = 32;
 
-/// Widest side of a bundle's rectangle: about 0.2 rad to either side. Wider bundles cost more than single rays.
+/// Fewest rays that are worth a bundle.
+pub(super) const FEWEST: usize = 3;
+
+/// Widest side of a bundle's rectangle: about 0.2 rad to either side.
 const WIDEST: f64 = 0.4;
+
+/// Up to so many rays are tested one by one against eight triangles; more, against one triangle at a time.
+const FEW: u32 = 6;
+
+/// How many directions from the first on go together. A guess, for [`Bundle::set`] decides.
+#[inline(always)]
+pub(super) fn close_together(directions: &[DVec3]) -> usize {
+    let Some(first) = directions.first() else { return 0 };
+    let axes = axes(*first);
+    let shear = |d: &DVec3| [d[axes[0]] / d[axes[2]], d[axes[1]] / d[axes[2]]];
+    let (mut low, mut high) = (shear(first), shear(first));
+    for (count, direction) in directions.iter().take(RAYS).enumerate() {
+        let at = shear(direction);
+        let depth = direction[axes[2]];
+        // Written so that NaN ends the bundle.
+        let mut fits = depth * first[axes[2]] > 0.0;
+        for i in 0..2 {
+            low[i] = low[i].min(at[i]);
+            high[i] = high[i].max(at[i]);
+            fits &= high[i] - low[i] <= WIDEST && at[i].abs() < 1.0;
+        }
+        if !fits {
+            return count.max(1);
+        }
+    }
+    directions.len().min(RAYS)
+}
 
 /// Origins farther from the mesh (in its sizes) are left to single rays, which start where they enter its box.
 const FARTHEST: f64 = 16.0;
@@ -26,11 +57,13 @@ const FARTHEST: f64 = 16.0;
 pub(super) struct Bundle {
     /// Axes: two across, then the main one.
     axes: [usize; 3],
-    /// Eights of rays that are in use.
-    groups: usize,
+    /// Bits of the rays that are in use.
+    all: u32,
     origin: [f64; 3],
     /// Per ray: x and y per unit of depth, and t per unit of depth.
     shear: [[f64; RAYS]; 3],
+    /// Per ray: depth per unit of x and y.
+    inverse: [[f32; RAYS]; 2],
     /// Shear in the middle of the rectangle, and how each ray's differs from it, at most by `spread`.
     centre: [f32; 2],
     offset: [[f32; RAYS]; 2],
@@ -57,9 +90,10 @@ impl Bundle {
     pub(super) fn new(faces: Faces) -> Self {
         Self {
             axes: [0, 1, 2],
-            groups: 0,
+            all: 0,
             origin: [0.0; 3],
             shear: [[0.0; RAYS]; 3],
+            inverse: [[0.0; RAYS]; 2],
             centre: [0.0; 2],
             offset: [[0.0; RAYS]; 2],
             spread: [0.0; 2],
@@ -93,15 +127,16 @@ impl Bundle {
         }
         let axes = axes(directions[0]);
         bundle.axes = axes;
-        bundle.groups = directions.len().div_ceil(8);
         bundle.origin = each(|i| origin[axes[i]]);
         bundle.sign = if directions[0][axes[2]] < 0.0 { -1.0 } else { 1.0 };
         bundle.error = SHEARED_ERROR * (reach as f32).max(1.0);
-        bundle.t = [f64::INFINITY; RAYS];
         bundle.key = [f64::from_bits(u64::MAX); RAYS];
-        // Eights that are not in use have nothing to wait for.
+        // Spare rays have nothing to wait for.
+        bundle.t = [f64::NEG_INFINITY; RAYS];
         bundle.limits = [f32::NEG_INFINITY; RAYS];
-        bundle.limits[..8 * bundle.groups].fill(f32::INFINITY);
+        bundle.t[..directions.len()].fill(f64::INFINITY);
+        bundle.limits[..directions.len()].fill(f32::INFINITY);
+        bundle.all = u32::MAX >> (RAYS - directions.len());
         let mut usable = true;
         for group in 0..directions.len().div_ceil(4) {
             usable &= bundle.aim(simd, group, directions, frame.scale());
@@ -126,6 +161,10 @@ impl Bundle {
             let centre = (low * 0.5 + high * 0.5) as f32;
             let (mut spread, offset) = (0.0, &mut bundle.offset[side]);
             for i in 0..RAYS {
+                let shear32 = shear[i] as f32;
+                // So little moves the ray by less than the margin on its whole way.
+                let safe = if shear32.abs() < 1e-20 { 1e-20 } else { shear32 };
+                bundle.inverse[side][i] = 1.0 / safe;
                 offset[i] = (shear[i] - f64::from(centre)) as f32;
                 spread = if offset[i].abs() > spread { offset[i].abs() } else { spread };
             }
@@ -179,33 +218,78 @@ impl Bundle {
 
     /// Traces all rays. `instance` is the upper half of the keys.
     #[inline(always)]
-    pub(super) fn trace<S: Simd>(&mut self, simd: S, tree: &Tree, instance: u64, stack: &mut Stack) {
+    pub(super) fn trace<S: Simd>(&mut self, simd: S, tree: &Tree, instance: u64, waiting: &mut Waiting) {
         let pyramid = Pyramid::new(self);
-        let mut place = Place::root(f32::INFINITY);
+        let (mut place, mut limit) = (Entry { child: 0, rays: self.all, near: 0.0 }, f32::INFINITY);
+        waiting.height = 0;
         loop {
-            if let Some(index) = place.block() {
-                let Some(block) = tree.blocks.get(index) else { return };
-                if self.block(simd, block, place.limit, instance) {
+            if place.child & BLOCK != 0 {
+                let Some(block) = tree.blocks.get((place.child & !BLOCK) as usize) else { return };
+                if self.block(simd, block, place.rays, limit, instance) {
                     let load = |i: usize| f32x8::from_slice(simd, &self.limits[i * 8..i * 8 + 8]);
-                    place.limit = load(0).max(load(1)).max(load(2).max(load(3))).reduce_max();
+                    limit = load(0).max(load(1)).max(load(2).max(load(3))).reduce_max();
                 }
             } else {
-                let Some(node) = tree.nodes.get(place.current as usize) else { return };
-                let (hits, depths) = pyramid.boxes(simd, node, place.limit);
+                let Some(node) = tree.nodes.get(place.child as usize) else { return };
+                let (near, far, mut hits) = pyramid.boxes(simd, node, limit);
                 if hits != 0 {
-                    place.descend(node, hits, &depths, stack);
-                    continue;
+                    let boxes = Boxes::new(simd, self, node, near, far);
+                    let base = waiting.height;
+                    while hits != 0 {
+                        let lane = hits.trailing_zeros() as usize & 7;
+                        hits &= hits - 1;
+                        let rays = self.reach(simd, &boxes, lane, place.rays);
+                        if rays != 0 {
+                            waiting.push(
+                                base,
+                                Entry { child: node.children[lane], rays, near: boxes.near[lane] },
+                            );
+                        }
+                    }
                 }
             }
-            if !place.pop(stack) {
-                return;
+            loop {
+                let Some(next) = waiting.pop() else { return };
+                if next.near <= limit {
+                    place = next;
+                    break;
+                }
             }
         }
     }
 
-    /// Eight triangles against all rays; whether a hit came nearer.
+    /// Which of the rays reach a box of a node before they end.
     #[inline(always)]
-    fn block<S: Simd>(&mut self, simd: S, block: &Block, limit: f32, instance: u64) -> bool {
+    fn reach<S: Simd>(&self, simd: S, boxes: &Boxes, lane: usize, rays: u32) -> u32 {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let [x0, x1, y0, y1] = [
+            boxes.sides[0][lane & 7],
+            boxes.sides[1][lane & 7],
+            boxes.sides[2][lane & 7],
+            boxes.sides[3][lane & 7],
+        ];
+        let (near, far) = (splat(boxes.near[lane & 7]), splat(boxes.far[lane & 7]));
+        let mut reached = 0;
+        for group in 0..RAYS / 8 {
+            if rays >> (8 * group) & 0xff == 0 {
+                continue;
+            }
+            let load = |row: &[f32; RAYS]| f32x8::from_slice(simd, &row[8 * group..8 * group + 8]);
+            let (ix, iy) = (load(&self.inverse[0]), load(&self.inverse[1]));
+            let (a, b, c, d) = (ix * x0, ix * x1, iy * y0, iy * y1);
+            let enter = a.min(b).max(c.min(d)).max(near);
+            let leave = a.max(b).min(c.max(d)).min(far).min(load(&self.limits));
+            reached |= (enter.simd_le(leave).to_bitmask() as u32) << (8 * group);
+        }
+        reached & rays
+    }
+
+    /// Eight triangles against rays; whether a hit came nearer.
+    #[inline(always)]
+    fn block<S: Simd>(&mut self, simd: S, block: &Block, rays: u32, limit: f32, instance: u64) -> bool {
+        if rays.count_ones() <= FEW {
+            return self.block_by_ray(simd, block, rays, instance);
+        }
         let edges = Edges::new(simd, self, block);
         let mut lanes = edges.candidates(simd, self, limit);
         if lanes == 0 {
@@ -215,12 +299,69 @@ impl Bundle {
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize & 7;
             lanes &= lanes - 1;
-            improved |= self.triangle(simd, block, &edges, lane, instance);
+            improved |= self.triangle(simd, block, &edges, lane, rays, instance);
         }
         improved
     }
 
-    /// One triangle against all rays; whether a hit came nearer.
+    /// Eight triangles against a few rays, one after the other; whether a hit came nearer.
+    #[inline(always)]
+    fn block_by_ray<S: Simd>(&mut self, simd: S, block: &Block, mut rays: u32, instance: u64) -> bool {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let rows = each(|i| &block.corners[self.axes[i]]);
+        let corners = sheared(simd, self, rows);
+        let (reach, depths) = (reach(simd, self, &corners), each(|i| corners[i][2] * self.sign));
+        let [a, b, c] = depths;
+        // One more rounding than a single ray's, of which the margin has a third left.
+        let error = splat(1.5 * self.error);
+        let margin = (reach + error) * error * 4.0;
+        let nearest = a.min(b).min(c);
+        let ahead = a.max(b).max(c).simd_ge(-error);
+        let mut improved = false;
+        while rays != 0 {
+            let ray = rays.trailing_zeros() as usize & (RAYS - 1);
+            rays &= rays - 1;
+            let (sx, sy) = (splat(self.offset[0][ray]), splat(self.offset[1][ray]));
+            let across = each(|i| [corners[i][0] - sx * corners[i][2], corners[i][1] - sy * corners[i][2]]);
+            let [[ax, ay], [bx, by], [cx, cy]] = across;
+            let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
+            let inside = u.min(v).min(w).simd_ge(-margin) | u.max(v).max(w).simd_le(margin);
+            let near = nearest.simd_le(splat(self.limits[ray] + self.error));
+            let mut lanes = (inside & near & ahead).to_bitmask() as u32;
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize & 7;
+                lanes &= lanes - 1;
+                let corners = each(|corner| each(|i| rows[i][corner][lane]));
+                improved |= self.cross_one(corners, instance << 32 | u64::from(block.ids[lane]), ray);
+            }
+        }
+        improved
+    }
+
+    /// [`Sheared::cross`] for one ray; whether the hit came nearer.
+    #[inline(always)]
+    fn cross_one(&mut self, corners: [[f32; 3]; 3], key: u64, ray: usize) -> bool {
+        let sheared = Sheared {
+            axes: self.axes,
+            origin: self.origin,
+            shear: each(|i| self.shear[i][ray]),
+            t_min: 0.0,
+            t_max: f64::INFINITY,
+            faces: self.faces,
+        };
+        let Some(hit) = sheared.cross(corners) else { return false };
+        let better = hit.t < self.t[ray] || (hit.t == self.t[ray] && key < self.key[ray].to_bits());
+        if better {
+            (self.t[ray], self.key[ray]) = (hit.t, f64::from_bits(key));
+            for i in 0..3 {
+                self.areas[i][ray] = hit.areas[i];
+            }
+            self.limits[ray] = (hit.t * self.depth[ray]) as f32 + self.error;
+        }
+        better
+    }
+
+    /// One triangle against rays; whether a hit came nearer.
     #[inline(always)]
     fn triangle<S: Simd>(
         &mut self,
@@ -228,6 +369,7 @@ impl Bundle {
         block: &Block,
         edges: &StoredEdges,
         lane: usize,
+        rays: u32,
         instance: u64,
     ) -> bool {
         let splat = |x: f32| f32x8::splat(simd, x);
@@ -237,8 +379,11 @@ impl Bundle {
         let [u, v, w] = each(|edge| each(|i| splat(edges.normals[edge][i][lane & 7])));
         let (margin, nearest) = (splat(edges.margin[lane & 7]), splat(edges.nearest[lane & 7]));
         let mut improved = false;
-        for group in 0..self.groups.min(RAYS / 8) {
+        for group in 0..RAYS / 8 {
             let first = group * 8;
+            if rays >> first & 0xff == 0 {
+                continue;
+            }
             let x = f32x8::from_slice(simd, &self.offset[0][first..first + 8]);
             let y = f32x8::from_slice(simd, &self.offset[1][first..first + 8]);
             let side = |n: [f32x8<S>; 3]| n[0].mul_add(x, n[1].mul_add(y, n[2]));
@@ -308,6 +453,77 @@ impl Bundle {
     }
 }
 
+/// A node or block that some rays are to visit.
+#[derive(Clone, Copy)]
+pub(super) struct Entry {
+    child: u32,
+    /// Bits of the rays.
+    rays: u32,
+    /// Depth from which on.
+    near: f32,
+}
+
+/// What is still to be visited, nearest on top.
+pub(super) struct Waiting {
+    entries: [Entry; STACK],
+    height: usize,
+}
+
+impl Waiting {
+    pub(super) const fn new() -> Self {
+        Self { entries: [Entry { child: 0, rays: 0, near: 0.0 }; STACK], height: 0 }
+    }
+
+    /// Sorts an entry in among those above `base`.
+    #[inline(always)]
+    fn push(&mut self, base: usize, entry: Entry) {
+        let mut at = self.height;
+        while at > base && self.entries[(at - 1) & (STACK - 1)].near < entry.near {
+            self.entries[at & (STACK - 1)] = self.entries[(at - 1) & (STACK - 1)];
+            at -= 1;
+        }
+        self.entries[at & (STACK - 1)] = entry;
+        self.height += 1;
+    }
+
+    #[inline(always)]
+    fn pop(&mut self) -> Option<Entry> {
+        if self.height == 0 {
+            return None;
+        }
+        self.height -= 1;
+        Some(self.entries[self.height & (STACK - 1)])
+    }
+}
+
+/// A node's boxes relative to the bundle's origin, enlarged by the margin.
+struct Boxes {
+    /// Lower and upper x, lower and upper y.
+    sides: [[f32; 8]; 4],
+    near: [f32; 8],
+    far: [f32; 8],
+}
+
+impl Boxes {
+    /// The margin covers all roundings as in the test of single rays ([`super::single`]), whose distances are depths here.
+    #[inline(always)]
+    fn new<S: Simd>(simd: S, bundle: &Bundle, node: &Node, near: f32x8<S>, far: f32x8<S>) -> Self {
+        let [low_x, high_x] = relative(simd, bundle, node, 0);
+        let [low_y, high_y] = relative(simd, bundle, node, 1);
+        let sides = [low_x, high_x, low_y, high_y];
+        Self { sides, near: near.to_array(), far: (far + 2.0 * bundle.error).to_array() }
+    }
+}
+
+/// Lower and upper faces across one axis relative to the bundle's origin, times the sign, as depths are.
+#[inline(always)]
+fn relative<S: Simd>(simd: S, bundle: &Bundle, node: &Node, side: usize) -> [[f32; 8]; 2] {
+    let (origin, faces) = (bundle.origin[side] as f32, &node.bounds[bundle.axes[side]]);
+    let low = (row(simd, faces, 0) - origin - bundle.error) * bundle.sign;
+    let high = (row(simd, faces, 1) - origin + bundle.error) * bundle.sign;
+    [low.to_array(), high.to_array()]
+}
+
 #[inline(always)]
 fn blend<S: Simd>(simd: S, mask: mask64x4<S>, new: f64x4<S>, old: &mut [f64]) {
     mask.select(new, f64x4::from_slice(simd, old)).store_slice(old);
@@ -336,6 +552,26 @@ pub(super) fn may_contain<S: Simd>(
     u.min(v).min(w).simd_ge(-margin) | u.max(v).max(w).simd_le(margin)
 }
 
+/// Corners of eight triangles relative to the bundle's origin, sheared onto its middle ray.
+#[inline(always)]
+fn sheared<S: Simd>(simd: S, bundle: &Bundle, rows: [&[[f32; 8]; 3]; 3]) -> [[f32x8<S>; 3]; 3] {
+    let splat = |x: f32| f32x8::splat(simd, x);
+    let origin = each(|i| splat(bundle.origin[i] as f32));
+    let (cx, cy) = (splat(bundle.centre[0]), splat(bundle.centre[1]));
+    each(|corner| {
+        let [x, y, z] = each(|i| f32x8::load_array_ref(simd, &rows[i][corner]) - origin[i]);
+        [x - cx * z, y - cy * z, z]
+    })
+}
+
+/// Sum of what |x| + |y| of the corners is at most for any ray.
+#[inline(always)]
+fn reach<S: Simd>(simd: S, bundle: &Bundle, corners: &[[f32x8<S>; 3]; 3]) -> f32x8<S> {
+    let spread = f32x8::splat(simd, bundle.spread[0] + bundle.spread[1]);
+    let reach = each(|i| corners[i][0].abs() + corners[i][1].abs() + corners[i][2].abs() * spread);
+    reach[0] + reach[1] + reach[2]
+}
+
 /// Eight triangles as seen from the bundle's origin, sheared onto its middle ray: a ray's edge functions are linear in
 /// its offset from the middle, so that two multiplications each are left for every ray.
 ///
@@ -361,20 +597,12 @@ impl<S: Simd> Edges<S> {
     #[inline(always)]
     fn new(simd: S, bundle: &Bundle, block: &Block) -> Self {
         let splat = |x: f32| f32x8::splat(simd, x);
-        let rows = each(|i| &block.corners[bundle.axes[i]]);
-        let origin = each(|i| splat(bundle.origin[i] as f32));
-        let (cx, cy) = (splat(bundle.centre[0]), splat(bundle.centre[1]));
-        let corners = each(|corner| {
-            let [x, y, z] = each(|i| f32x8::load_array_ref(simd, &rows[i][corner]) - origin[i]);
-            [x - cx * z, y - cy * z, z]
-        });
+        let corners = sheared(simd, bundle, each(|i| &block.corners[bundle.axes[i]]));
         let [a, b, c] = corners;
         let edge = |[cx, cy, cz]: [f32x8<S>; 3], [bx, by, bz]: [f32x8<S>; 3]| {
             [cy * bz - cz * by, cz * bx - cx * bz, cx * by - cy * bx]
         };
-        let spread = splat(bundle.spread[0] + bundle.spread[1]);
-        let reach = each(|i| corners[i][0].abs() + corners[i][1].abs() + corners[i][2].abs() * spread);
-        let reach = reach[0] + reach[1] + reach[2];
+        let reach = reach(simd, bundle, &corners);
         let error = splat(bundle.error);
         let margin = reach * (error * 1.6 + reach * 1e-7) + error * error * 4.0;
         let depths = each(|i| corners[i][2] * bundle.sign);
@@ -457,7 +685,7 @@ impl Pyramid {
     }
 
     #[inline(always)]
-    fn boxes<S: Simd>(&self, simd: S, node: &Node, limit: f32) -> (u32, [f32; 8]) {
+    fn boxes<S: Simd>(&self, simd: S, node: &Node, limit: f32) -> (f32x8<S>, f32x8<S>, u32) {
         let splat = |x: f32| f32x8::splat(simd, x);
         let depth = &node.bounds[self.axes[2]];
         let backwards = usize::from(self.sign < 0.0);
@@ -470,7 +698,7 @@ impl Pyramid {
             & far.simd_ge(splat(-self.error));
         // Empty lanes have their far face before the near one.
         let hits = hits & row(simd, depth, 0).simd_le(row(simd, depth, 1));
-        (hits.to_bitmask() as u32, near.to_array())
+        (near, far, hits.to_bitmask() as u32)
     }
 
     #[inline(always)]

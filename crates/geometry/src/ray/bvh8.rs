@@ -1,7 +1,7 @@
 //! The watertight eight-wide tree over one mesh.
 
 use super::build::{self, Item};
-use super::bundle::{Bundle, RAYS};
+use super::bundle::{Bundle, FEWEST, Waiting, close_together};
 use super::collapse::Wide;
 use super::exact::{Faces, Sheared};
 use super::frame::Frame;
@@ -239,22 +239,27 @@ fn trace_all<S: Simd>(simd: S, caster: &Bvh8, rays: &[Ray], hits: &mut [Option<H
     }
 }
 
+/// Rays of one origin: those close together as bundles, the others one by one.
 #[inline(always)]
 fn trace_bundle<S: Simd>(
     simd: S,
     caster: &Bvh8,
     origin: DVec3,
-    directions: &[DVec3],
-    hits: &mut [Option<Hit>],
+    mut directions: &[DVec3],
+    mut hits: &mut [Option<Hit>],
 ) {
-    let (mut stack, mut bundle) = (Stack::new(), Bundle::new(caster.faces));
-    for (directions, hits) in directions.chunks(RAYS).zip(hits.chunks_mut(RAYS)) {
-        if bundle.set(simd, &caster.frame, origin, directions) {
-            bundle.trace(simd, &caster.tree, 0, &mut stack);
-            bundle.store(hits);
+    let (mut waiting, mut bundle, mut stack) = (Waiting::new(), Bundle::new(caster.faces), Stack::new());
+    while !directions.is_empty() {
+        let count = close_together(directions);
+        let (these, others) = directions.split_at(count);
+        let (theirs, rest) = hits.split_at_mut(count);
+        (directions, hits) = (others, rest);
+        if count >= FEWEST && bundle.set(simd, &caster.frame, origin, these) {
+            bundle.trace(simd, &caster.tree, 0, &mut waiting);
+            bundle.store(theirs);
             continue;
         }
-        for (&direction, hit) in directions.iter().zip(hits) {
+        for (&direction, hit) in these.iter().zip(theirs) {
             let ray = Ray::new(origin, direction);
             *hit = ray.and_then(|ray| trace_one::<S, false>(simd, caster, &ray, &mut stack));
         }

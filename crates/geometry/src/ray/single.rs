@@ -191,31 +191,20 @@ pub(super) fn trace<S: Simd, const ANY: bool>(
     while place.step::<S, ANY>(simd, tree, ray, walk, instance, stack, best) {}
 }
 
-/// Where a ray or a bundle is in the tree.
+/// Where a ray is in the tree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
-    pub(super) current: u32,
+    current: u32,
     height: usize,
     /// Walk distance beyond which nothing is of interest.
-    pub(super) limit: f32,
+    limit: f32,
 }
 
 impl Place {
     #[inline(always)]
     pub(super) fn start(walk: &Walk, ray: &Sheared, best: &Best) -> Self {
         let limit = walk.limit(if best.t < ray.t_max { best.t } else { ray.t_max });
-        Self::root(limit)
-    }
-
-    #[inline(always)]
-    pub(super) fn root(limit: f32) -> Self {
         Self { current: 0, height: 0, limit }
-    }
-
-    /// The block that is to be visited, unless it is a node.
-    #[inline(always)]
-    pub(super) fn block(&self) -> Option<usize> {
-        (self.current & BLOCK != 0).then_some((self.current & !BLOCK) as usize)
     }
 
     /// Visits one node or block; false when the ray is through.
@@ -260,7 +249,7 @@ impl Place {
 
     /// Goes to the nearest of the children that are hit and leaves the others on the stack.
     #[inline(always)]
-    pub(super) fn descend(&mut self, node: &Node, mut hits: u32, distances: &[f32; 8], stack: &mut Stack) {
+    fn descend(&mut self, node: &Node, mut hits: u32, distances: &[f32; 8], stack: &mut Stack) {
         let first = hits.trailing_zeros() as usize & 7;
         hits &= hits - 1;
         if hits == 0 {
@@ -290,7 +279,7 @@ impl Place {
 
     /// Goes to the nearest of what waits; false when nothing of interest does.
     #[inline(always)]
-    pub(super) fn pop(&mut self, stack: &Stack) -> bool {
+    fn pop(&mut self, stack: &Stack) -> bool {
         while self.height != 0 {
             self.height -= 1;
             let entry = stack.0[self.height & (STACK - 1)];
