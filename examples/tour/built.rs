@@ -1,16 +1,21 @@
 //! What is built before the walk, so that frames have something to choose from.
 
+use crate::casters::CasterStore;
 use crate::cells::Cells;
 use crate::forms::{Forms, LEAST_TRIANGLES};
 use crate::input::Input;
 use farsight_geometry::ray::SceneCaster;
+use farsight_geometry::scene::Light;
+use std::cell::RefCell;
 use std::error::Error;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Everything that was built.
 pub struct Built {
     pub forms: Forms,
     pub cells: Cells,
+    pub casters: Option<RefCell<CasterStore>>,
     /// What was done, in words, and how long it took.
     pub steps: Vec<(String, Duration)>,
 }
@@ -19,11 +24,17 @@ impl Built {
     /// Nothing: frames draw everything in full.
     pub fn nothing(input: &Input) -> Result<Self, Box<dyn Error>> {
         let forms = Forms::build(&input.scene, usize::MAX)?;
-        Ok(Self { forms, cells: Cells::default(), steps: Vec::new() })
+        Ok(Self { forms, cells: Cells::default(), casters: None, steps: Vec::new() })
     }
 
-    /// Coarser forms of the meshes, and sets of what can be seen from around the walk's viewpoints. `tell` hears what is being done.
-    pub fn build(input: &Input, frames: usize, tell: impl Fn(&'static str)) -> Result<Self, Box<dyn Error>> {
+    /// Coarser forms of the meshes, sets of what can be seen from around the walk's viewpoints, and a hierarchy of shadow casters in `folder`. `tell`
+    /// hears what is being done.
+    pub fn build(
+        input: &Input,
+        frames: usize,
+        folder: &Path,
+        tell: impl Fn(&'static str),
+    ) -> Result<Self, Box<dyn Error>> {
         tell("coarser forms");
         let start = Instant::now();
         let forms = Forms::build(&input.scene, LEAST_TRIANGLES)?;
@@ -49,6 +60,17 @@ impl Built {
         if cells.iter().next().is_some() {
             steps.push(("all these sets".into(), start.elapsed()));
         }
-        Ok(Self { forms, cells, steps })
+        let sun = matches!(input.scene.lights().first(), Some(Light::Directional { .. }));
+        let casters = if sun {
+            tell("shadow casters");
+            let start = Instant::now();
+            let built = CasterStore::build(&input.scene, &folder.join("casters.hlod"))?;
+            let text = built.as_ref().map_or_else(String::clone, CasterStore::text);
+            steps.push((text, if built.is_ok() { start.elapsed() } else { Duration::ZERO }));
+            built.ok().map(RefCell::new)
+        } else {
+            None
+        };
+        Ok(Self { forms, cells, casters, steps })
     }
 }

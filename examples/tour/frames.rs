@@ -1,6 +1,7 @@
 //! One frame: planned, its shadow map where the sun can be seen to matter, then the picture.
 
 use crate::built::Built;
+use crate::casters::CasterStore;
 use crate::cells::Cells;
 use crate::cull::Visibility;
 use crate::forms::Forms;
@@ -17,6 +18,7 @@ use farsight_raster::{
 };
 use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Skip, Warp};
 use farsight_timing::Millis;
+use std::cell::RefCell;
 use std::error::Error;
 
 /// What a frame took.
@@ -43,6 +45,9 @@ pub struct ShadowReport {
     pub time: Millis,
 }
 
+/// Pixels that the edge of a shadow may be off since its caster is a coarser form.
+const CASTER_PX: f64 = 1.0;
+
 /// A sun's shadows, as far as they are known before they are decided upon.
 struct Sun {
     direction: DVec3,
@@ -55,6 +60,7 @@ pub struct Renderer<'a> {
     scene: &'a Scene,
     forms: &'a Forms,
     cells: &'a Cells,
+    coarse: Option<&'a RefCell<CasterStore>>,
     bounds: &'a [DAabb],
     hierarchy: Bvh,
     visibility: Visibility<'a>,
@@ -86,6 +92,7 @@ impl<'a> Renderer<'a> {
             scene,
             forms: &built.forms,
             cells: &built.cells,
+            coarse: built.casters.as_ref(),
             bounds,
             hierarchy: Bvh::build(bounds)?,
             visibility: Visibility::new(scene, bounds, width, height)?,
@@ -127,7 +134,7 @@ impl<'a> Renderer<'a> {
                 } else {
                     self.focus.map(&options.with_warp(warp), self.previous.as_ref())
                 };
-                Some(self.draw_map(view, *direction, &forms)?)
+                Some(self.draw_map(view, *direction, &forms, self.coarse)?)
             }
             _ => None,
         };
@@ -177,7 +184,7 @@ impl<'a> Renderer<'a> {
         let start = thread_cpu_time();
         let sun = self.fit(camera)?;
         let map = match &sun {
-            Some(Sun { direction, fitted: Ok(view) }) => Some(self.draw_map(*view, *direction, &[])?),
+            Some(Sun { direction, fitted: Ok(view) }) => Some(self.draw_map(*view, *direction, &[], None)?),
             _ => None,
         };
         let mut objects = Vec::with_capacity(self.receivers.len());
@@ -256,11 +263,16 @@ impl<'a> Renderer<'a> {
             Err(skip) => return LightView::skipped(*skip),
             Ok(view) => view,
         };
-        let triangles = |&o: &u32| self.scene.mesh_of(&self.scene.instances()[o as usize]).triangles().len();
+        let triangles =
+            |&o: &u32| self.scene.mesh_of(&self.scene.instances()[o as usize]).triangles().len() as u64;
+        let full = self.casters.iter().map(triangles).sum::<u64>();
+        let coarse = self
+            .coarse
+            .map(|store| store.borrow_mut().choose(camera, sun.direction, &self.receivers, CASTER_PX));
         let samples = f64::from(self.options.supersampling).powi(2);
         LightView {
             receiver_pixels: f64::from(camera.width()) * f64::from(camera.height()) * samples,
-            caster_triangles: self.casters.iter().map(triangles).sum::<usize>() as f64,
+            caster_triangles: coarse.unwrap_or(full) as f64,
             caster_draws: self.casters.len() as f64,
             contribution: 1.0,
             texels: TexelSpread::of_map(view),
@@ -274,11 +286,17 @@ impl<'a> Renderer<'a> {
         view: ShadowView,
         direction: DVec3,
         forms: &[Option<&[[u32; 3]]>],
+        coarse: Option<&RefCell<CasterStore>>,
     ) -> Result<(ShadowMap, ShadowReport), Box<dyn Error>> {
         let before = thread_cpu_time();
         self.previous = Some(view);
         let options = ShadowOptions::default();
         let mut map = ShadowMap::new(view.side, view.clip_from_relative, view.origin, -direction, options)?;
+        if let Some(store) = coarse {
+            let casters_drawn = store.borrow_mut().draw(&mut self.rasteriser, &mut map, view.origin)?;
+            let time = Millis::from(thread_cpu_time() - before);
+            return Ok((map, ShadowReport { view, casters_drawn, time }));
+        }
         self.find_casters(&view);
         for &object in &self.casters {
             let instance = &self.scene.instances()[object as usize];

@@ -10,6 +10,7 @@
 //! of the scene and plots of what each frame took. The frames also lie there as PNG, the last one's depth as EXR.
 
 mod built;
+mod casters;
 mod cells;
 mod cloud;
 mod compare;
@@ -130,7 +131,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         Built::nothing(&input)?
     } else {
         let spinner = self::spinner("building");
-        let built = Built::build(&input, options.count(), |what| spinner.set_message(what))?;
+        let built = Built::build(&input, options.count(), folder, |what| spinner.set_message(what))?;
         spinner.finish_and_clear();
         built
     };

@@ -2,9 +2,9 @@
 
 mod common;
 
+use farsight_geometry::TriangleMesh;
 use farsight_geometry::distance::{HausdorffOptions, hausdorff};
 use farsight_geometry::glam::DVec3;
-use farsight_geometry::TriangleMesh;
 use farsight_hlod::{BuildOptions, HlodError, Mesh, NodeId, NodeMesh, Store, Tree, build, no_progress};
 use std::path::PathBuf;
 

@@ -13,11 +13,8 @@ use std::sync::Arc;
 pub struct ShadowOptions {
     /// Depth added to the receiver, in the map's depth (0 to 1).
     pub constant_bias: f32,
-    /// How far the lookup is moved along the surface's normal: this times `filter_radius + 1`, in texels as large as the map's
-    /// are at that point, times the sine of the angle to the light.
-    ///
-    /// The filter's corner lies √2·(radius + 1) texels away; on a plane tilted by θ its depth differs by tan θ times that, which
-    /// an offset of as much times sin θ along the normal makes up for. The default of 1.5 leaves a little for rounding.
+    /// How far the lookup is moved along the surface's normal, over what just keeps a plane from shadowing itself through the farthest texel of the
+    /// filter. Warped maps, whose depth changes across the light as well, are accounted for. The default of 1.06 leaves a little for rounding.
     pub normal_offset: f32,
     /// Percentage-closer filtering over (2n + 1)² texels with bilinear weights; 0 is a single comparison.
     pub filter_radius: u32,
@@ -28,7 +25,7 @@ pub struct ShadowOptions {
 impl Default for ShadowOptions {
     /// A hair of depth bias, 3 x 3 filtering, and an offset that covers the filter's corner.
     fn default() -> Self {
-        Self { constant_bias: 1e-5, normal_offset: 1.5, filter_radius: 1, cull: Cull::None }
+        Self { constant_bias: 1e-5, normal_offset: 1.06, filter_radius: 1, cull: Cull::None }
     }
 }
 
@@ -220,9 +217,8 @@ impl ShadowMap {
 
     /// Share of the light that reaches a point (relative to the origin), from 0 to 1. Outside the map everything is lit.
     pub fn lit_relative(&self, point: Vec3, normal: Vec3) -> f32 {
-        let cosine = normal.dot(self.towards_light).clamp(0.0, 1.0);
-        let sine = (1.0 - cosine * cosine).sqrt();
-        let moved = point + normal * (self.offset_texels() * sine * self.texel_at(point));
+        let reach = (self.options.filter_radius + 1) as f32;
+        let moved = point + normal * (self.options.normal_offset * reach * self.clearance(point, normal));
         let clip: Vec4 = self.rounded * moved.extend(1.0);
         let outside = || self.beyond.as_ref().map_or(1.0, |b| b.lit_relative(point, normal));
         if clip.w <= 0.0 {
@@ -238,20 +234,22 @@ impl ShadowMap {
         self.filtered(x, y, depth)
     }
 
-    fn offset_texels(&self) -> f32 {
-        self.options.normal_offset * (self.options.filter_radius + 1) as f32
-    }
-
-    /// The larger side of the texel at a point, in world units: the distance over which a map coordinate grows by one.
-    fn texel_at(&self, point: Vec3) -> f32 {
+    /// How far a plane through a point must be lifted along its normal to lie before its own depth a texel farther in both directions.
+    ///
+    /// A step of one texel across the light is a, and on the plane, with the light's direction l, a − l·(a·n)/(l·n); depth changes by ∇z along
+    /// it. A lift of e along n is as good as one of e/(l·n) along l. Uniform maps have ∇z along l, so that ∣a·n∣ is left; warped ones have not.
+    fn clearance(&self, point: Vec3, normal: Vec3) -> f32 {
         let clip = self.rounded * point.extend(1.0);
         let w_row = self.rounded.row(3).truncate();
-        let size = self.target.width() as f32;
-        let texel =
-            |row: Vec3, value: f32| 2.0 * clip.w.abs() / (size * (row - w_row * (value / clip.w)).length());
-        let (across, along) = (self.rounded.row(0).truncate(), self.rounded.row(1).truncate());
-        let largest = texel(across, clip.x).max(texel(along, clip.y));
-        if largest.is_finite() { largest } else { 0.0 }
+        let gradient = |row: usize, value: f32| self.rounded.row(row).truncate() - w_row * (value / clip.w);
+        let (gx, gy, gz) = (gradient(0, clip.x), gradient(1, clip.y), gradient(2, clip.z));
+        // Both are across the ray of light, so their product is along it, and the steps of one texel are their duals.
+        let light = gx.cross(gy);
+        let step = 2.0 * clip.w / (self.target.width() as f32 * light.length_squared());
+        let (fall, facing) = (gz.dot(light), normal.dot(light));
+        let rise = |across: Vec3| (across.dot(gz) * facing / fall - across.dot(normal)).abs();
+        let lift = (rise(gy.cross(light)) + rise(light.cross(gx))) * step.abs();
+        if lift.is_finite() { lift } else { 0.0 }
     }
 
     fn filtered(&self, x: f32, y: f32, depth: f32) -> f32 {

@@ -1,0 +1,104 @@
+//! Coarser shadow casters: a hierarchy of the whole scene on disk, of which a shadow map draws as little as shows.
+
+use farsight_geometry::glam::{DMat4, DVec3};
+use farsight_geometry::scene::AlphaMode;
+use farsight_geometry::{Camera, DAabb, Scene};
+use farsight_hlod::{
+    BuildOptions, CasterLight, Casters, HlodError, Mesh, NodeId, NodeMesh, ReceiverBox, Store, Tier, build,
+    no_progress, select_casters,
+};
+use farsight_raster::{Rasteriser, ShadowMap};
+use std::collections::HashMap;
+use std::error::Error;
+use std::path::Path;
+
+/// Most triangles that a hierarchy is built of: more would keep a tour waiting.
+const MOST_TRIANGLES: u64 = 250_000;
+/// Fewer are drawn sooner than chosen among.
+const LEAST_TRIANGLES: u64 = 20_000;
+
+/// The hierarchy, and the nodes that have been drawn.
+pub struct CasterStore {
+    store: Store,
+    nodes: HashMap<NodeId, NodeMesh>,
+    chosen: Casters,
+}
+
+impl CasterStore {
+    /// Builds the hierarchy of a scene into a file, if that is worth it: the reason if not.
+    pub fn build(scene: &Scene, path: &Path) -> Result<Result<Self, String>, Box<dyn Error>> {
+        let triangles = scene.placed_triangles();
+        if scene.materials().iter().any(|m| m.alpha != AlphaMode::Opaque) {
+            return Ok(Err("no hierarchy of shadow casters: some objects have holes".into()));
+        }
+        if !(LEAST_TRIANGLES..=MOST_TRIANGLES).contains(&triangles) {
+            let range = format!("worth it between {LEAST_TRIANGLES} and {MOST_TRIANGLES}");
+            return Ok(Err(format!("no hierarchy of shadow casters: {triangles} triangles, {range}")));
+        }
+        let mesh = scene.flattened()?;
+        let options = BuildOptions::default().with_appearance(false).with_tier(Tier::Verified);
+        build([Ok::<_, HlodError>(&mesh)], path, &options, &no_progress)?;
+        let store = Store::open(path)?;
+        Ok(Ok(Self { store, nodes: HashMap::new(), chosen: Casters::default() }))
+    }
+
+    /// What it is, in words.
+    pub fn text(&self) -> String {
+        let tree = self.store.tree();
+        let root = tree.root().map_or(0, |r| tree.triangles(r, Mesh::Shape));
+        let nodes = tree.ids().len();
+        format!("a hierarchy of shadow casters: {nodes} nodes, {root} triangles in the root, errors proven")
+    }
+
+    /// Chooses the casters for what is seen, such that no shadow's edge moves by more than `px` pixels; how many triangles they have.
+    pub fn choose(&mut self, camera: &Camera, along: DVec3, receivers: &[DAabb], px: f64) -> u64 {
+        let all = receivers.iter().fold(DAabb::EMPTY, |a, b| a.union(*b));
+        let seen = [ReceiverBox { level: 0, corners: all.corners() }];
+        let tolerance = |_: NodeId, b: &DAabb| {
+            // Wherever its shadow falls, it is at least as far from the eye as from here to the shadow's volume. Obliquely, it moves farther than
+            // its caster.
+            let distance = distance_to_sweep(camera.eye(), b, along).max(camera.near());
+            camera.world_error(px, distance) * STEEPNESS
+        };
+        let light = CasterLight::Directional(along);
+        select_casters(self.store.tree(), light, &seen, tolerance, |_| true, &mut self.chosen);
+        self.chosen.triangles
+    }
+
+    /// Draws what was chosen; how many nodes that was.
+    pub fn draw(
+        &mut self,
+        rasteriser: &mut Rasteriser,
+        map: &mut ShadowMap,
+        origin: DVec3,
+    ) -> Result<usize, HlodError> {
+        for &node in &self.chosen.drawn {
+            let mesh = match self.nodes.entry(node) {
+                std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
+                std::collections::hash_map::Entry::Vacant(new) => {
+                    let mut mesh = NodeMesh::default();
+                    self.store.read(node, Mesh::Shape, &mut mesh)?;
+                    new.insert(mesh)
+                }
+            };
+            let relative = DMat4::from_translation(mesh.origin - origin);
+            map.draw(rasteriser, &mesh.positions, mesh.indices.as_chunks().0, relative);
+        }
+        Ok(self.chosen.drawn.len())
+    }
+}
+
+/// Sine of the lowest sun above the ground for which shadows move no farther than their casters' errors, stretched.
+const STEEPNESS: f64 = 0.5;
+
+/// Distance from a point to what a box sweeps along a unit direction.
+fn distance_to_sweep(point: DVec3, b: &DAabb, along: DVec3) -> f64 {
+    let at = |t: f64| b.closest_point(point - along * t).distance(point - along * t);
+    // The distance is a convex function of how far the box has come.
+    let (mut low, mut high) = (0.0, 2.0 * (b.center().distance(point) + b.diagonal()));
+    for _ in 0..60 {
+        let (a, c) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if at(a) <= at(c) { high = c } else { low = a }
+    }
+    at(low).min(at(0.0))
+}
