@@ -179,7 +179,7 @@ impl<I> Approximations<I> {
     /// triangles.
     ///
     /// # Cost
-    /// About a microsecond where something serves; else that of the cut's update, plus the engine's.
+    /// About 3 µs where something serves; else that of the cut's update, plus the engine's.
     ///
     /// # Errors
     /// [`ApproximationError::Lod`] for a parallel camera or a placement that is not finite, [`ApproximationError::Renderer`] when the engine fails.
