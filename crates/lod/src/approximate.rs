@@ -260,6 +260,7 @@ impl<I> Approximations<I> {
         let triangles = reconsidered.unwrap_or(subject.cut.triangles().len());
         track.measure(subject);
         let (decision, raw) = now.decision(subject.object, triangles, track, step, engine)?;
+        track.forecasts[usize::from(decision.kind == Kind::Geometry)].fade();
         if let (Some(found), Kind::Geometry) = (found, decision.kind) {
             return Ok(shown(&self.cache, found, track, Some(decision)));
         }
