@@ -209,7 +209,7 @@ impl Forecast {
 
     /// Forgets a little, as for a kind that is not in use: what it was like then says less and less.
     pub fn fade(&mut self) {
-        self.log_ratio *= 0.95;
+        self.log_ratio *= 0.99;
     }
 
     /// Takes note of how long something served that was predicted (uncorrected) to serve for so many frames. Of what was given up while it still served
@@ -290,7 +290,7 @@ mod tests {
         assert!((forecast.ratio() - 3.0).abs() < 1e-3, "given up, not expired");
         forecast.observe(1.0, 1e9, true);
         assert!(forecast.ratio() < 3.0 * 1.3);
-        (0..100).for_each(|_| forecast.fade());
+        (0..1000).for_each(|_| forecast.fade());
         assert!((forecast.ratio() - 1.0).abs() < 0.01);
     }
 }
