@@ -454,7 +454,10 @@ mod tests {
                 let stats = cache.stats();
                 assert!(stats.bytes <= budget && stats.bytes == naive.bytes());
                 assert_eq!(cache.len(), naive.list.len());
-                assert_eq!(cache.pinned, naive.list.iter().filter(|e| e.3 == naive.frame).map(|e| e.2).sum());
+                assert_eq!(
+                    cache.pinned,
+                    naive.list.iter().filter(|e| e.3 == naive.frame).map(|e| e.2).sum::<u64>()
+                );
             }
             let stats = cache.stats();
             assert_eq!(stats.inserted, stats.evicted + stats.dropped + cache.len() as u64);
