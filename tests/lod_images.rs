@@ -201,7 +201,7 @@ fn patches() -> MipMap {
         let base =
             [[220, 60, 50], [60, 180, 75], [60, 90, 220], [230, 200, 40], [150, 60, 190], [40, 190, 200]];
         let [r, g, b] = base[patch as usize];
-        let shade = |c: u8| if (x / 4 + y / 4) % 2 == 0 { c } else { c / 4 * 3 };
+        let shade = |c: u8| if (x / 4 + y / 4).is_multiple_of(2) { c } else { c / 4 * 3 };
         [shade(r), shade(g), shade(b), 255]
     };
     let texels = (0..side).flat_map(|y| (0..side).map(move |x| (x, y))).map(|(x, y)| texel(x, y)).collect();

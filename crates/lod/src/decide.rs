@@ -207,6 +207,11 @@ impl Forecast {
         predicted * self.ratio()
     }
 
+    /// Forgets a little, as for a kind that is not in use: what it was like then says less and less.
+    pub fn fade(&mut self) {
+        self.log_ratio *= 0.99;
+    }
+
     /// Takes note of how long something served that was predicted (uncorrected) to serve for so many frames. Of what was given up while it still served
     /// (`expired` is false) only counts that it served longer than predicted.
     pub fn observe(&mut self, predicted: f64, achieved: f64, expired: bool) {
@@ -285,5 +290,7 @@ mod tests {
         assert!((forecast.ratio() - 3.0).abs() < 1e-3, "given up, not expired");
         forecast.observe(1.0, 1e9, true);
         assert!(forecast.ratio() < 3.0 * 1.3);
+        (0..1000).for_each(|_| forecast.fade());
+        assert!((forecast.ratio() - 1.0).abs() < 0.01);
     }
 }

@@ -4,9 +4,7 @@ use crate::LodError;
 use crate::build;
 use crate::charts::Charts;
 use farsight_geometry::{Aabb, TriangleMesh};
-#[cfg(test)]
-use glam::DVec3;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// "No node".
 pub(crate) const NONE: u32 = u32::MAX;
@@ -61,6 +59,8 @@ pub struct VertexHierarchy {
     first_around: Vec<u32>,
     dropped: usize,
     bounds: Aabb,
+    /// Middle and radius of a ball around all vertices.
+    pub(crate) ball: (DVec3, f64),
     /// For meshes with texture coordinates that are to stay usable.
     pub(crate) charts: Option<Charts>,
 }
@@ -92,6 +92,9 @@ impl VertexHierarchy {
         dropped: usize,
     ) -> Self {
         let bounds = Aabb::from_points(positions.iter().copied());
+        let middle = bounds.center().as_dvec3();
+        let farthest_sq = positions.iter().map(|p| p.as_dvec3().distance_squared(middle)).fold(0.0, f64::max);
+        let ball = (middle, farthest_sq.sqrt() * (1.0 + 1e-14));
         let mut first_around = vec![0u32; vertices.len() + 1];
         triangles.as_flattened().iter().for_each(|&v| first_around[v as usize + 1] += 1);
         (0..vertices.len()).for_each(|v| first_around[v + 1] += first_around[v]);
@@ -113,6 +116,7 @@ impl VertexHierarchy {
             first_around,
             dropped,
             bounds,
+            ball,
             charts: None,
         }
     }

@@ -1,13 +1,14 @@
 //! Tests only where the eye has moved far enough to change anything.
 //!
-//! The distance of a point from the eye changes by no more than the eye moves. So a node whose distance is s away from where its state
-//! would change needs no test until the eye has travelled s.
+//! The distance of a point from the eye changes by no more than the eye moves, and by less where it moves sideways. So a node whose distance is s away from where
+//! its state would change needs no test until the eye has come s.
 
 use crate::LodError;
 use crate::cut::{Cut, UpdateStats, clear, limit, tau_of, wants_unfolding_from};
 use crate::hierarchy::{Node, VertexHierarchy};
 use crate::observer::{Observer, Tolerance};
 use crate::wheel::Wheel;
+use glam::DVec3;
 
 /// Ticks in the radius of the whole mesh: how finely waiting nodes are told apart.
 const TICKS: f64 = 4096.0;
@@ -67,14 +68,12 @@ impl Cut {
         let before = self.watch.seen.filter(|seen| seen.1 == *tolerance).map(|seen| seen.0);
         let known = before.and_then(|before| Some((before.eye, observer.stretched_as(&before)?)));
         let (step, observer) = match known {
-            Some((eye, observer)) => (eye.distance(observer.eye), observer),
+            Some((eye, observer)) if eye == observer.eye => return Ok(self.stats),
+            Some((eye, observer)) => (step(hierarchy, eye, &observer, tolerance), observer),
             None => (f64::INFINITY, *observer),
         };
         let observer = &observer;
         self.watch.seen = Some((*observer, *tolerance));
-        if step == 0.0 {
-            return Ok(self.stats);
-        }
         // Rounded up: the path must not seem shorter than it is.
         let travelled = (self.watch.travelled + step * (1.0 + 1e-12)).next_up();
         let tick = self.watch.tick_at(travelled);
@@ -138,6 +137,25 @@ impl Cut {
         let tick = self.watch.tick_at((self.watch.travelled + slack).next_down().max(0.0));
         self.watch.wheel.wait(node, tick);
     }
+}
+
+/// How far an eye has come: no distance from a node has changed by more.
+///
+/// With m the middle of its way u, distances from a node c before and after differ by 2·∣u·(m − c)∣ over their sum, which is at least 2·∣m − c∣. All nodes lie
+/// in one ball, so an eye that passes an object sideways comes far more slowly than it moves. Directions change with
+/// the way itself, so where they count the way does.
+fn step(hierarchy: &VertexHierarchy, before: DVec3, now: &Observer, tolerance: &Tolerance) -> f64 {
+    let way = now.eye - before;
+    if tolerance.silhouette != tolerance.back {
+        return way.length();
+    }
+    let (center, radius) = hierarchy.ball;
+    let to_middle = now.stretched(before + 0.5 * way - center);
+    let way = now.stretched(way);
+    let (length, free) = (way.length(), to_middle.length() - radius);
+    // Rounding of the product is a share of both lengths.
+    let along = way.dot(to_middle).abs() + 1e-15 * length * to_middle.length();
+    if free > 0.0 { length.min((along + length * radius) / free) } else { length }
 }
 
 /// How far the eye can move before the state of a node, at a distance from it, might change.

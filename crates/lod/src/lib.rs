@@ -37,6 +37,7 @@ mod placement;
 mod separable;
 #[cfg(test)]
 mod tests;
+mod track;
 mod wheel;
 
 pub use angle::{corner_angle, view_angle};

@@ -108,10 +108,14 @@ impl Observer {
         alike.then_some(Self { eye: self.eye, stretch: before.stretch })
     }
 
+    /// A vector of the object's coordinates as distances measure it.
+    pub(crate) fn stretched(&self, v: DVec3) -> DVec3 {
+        self.stretch.map_or(v, |s| s * v)
+    }
+
     /// Distance of a point of the object from the eye, over the object's largest stretch: what radii are compared with.
     pub(crate) fn distance(&self, point: DVec3) -> f64 {
-        let offset = self.eye - point;
-        self.stretch.map_or(offset, |s| s * offset).length()
+        self.stretched(self.eye - point).length()
     }
 
     /// How a node's surface can face the eye. Whether an eye is before or behind a plane does not depend on stretching.

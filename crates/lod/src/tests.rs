@@ -94,7 +94,7 @@ fn a_moving_eye_finds_the_same_cut_with_few_tests() {
     let mesh = hard_cases::bumpy_ball(40);
     let h = VertexHierarchy::build(&mesh).unwrap();
     for (tolerance, factor) in [
-        (Tolerance::uniform(0.01), 12),
+        (Tolerance::uniform(0.01), 30),
         (Tolerance { silhouette: 0.005, back: 0.04, ..Tolerance::uniform(0.01) }, 4),
     ] {
         let (mut kinetic, mut whole) = (Cut::new(&h), Cut::new(&h));
