@@ -42,7 +42,7 @@ fn self_hits(ask: &Ask) -> Result<(), Box<dyn Error>> {
                 println!(
                     "self-hits at {offset:.0e} m ({what}), epsilon {epsilon:.0e}: {} of {} border rays (floor 0)",
                     counters.get("self_hits"),
-                    counters.get("border")
+                    ["flood", "border", "revisit"].map(|name| counters.get(name)).iter().sum::<u64>()
                 );
             }
         }

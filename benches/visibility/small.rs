@@ -107,5 +107,5 @@ fn crosses([a, b, c]: [DVec3; 3], from: DVec3, to: DVec3) -> bool {
     let t = ac.dot(across) / det;
     // A billionth wide and long: segments that graze an edge, or end on one that another triangle shares, count as blocked.
     const WIDE: f64 = 1e-9;
-    u >= -WIDE && v >= -WIDE && u + v <= 1.0 + WIDE && t >= 0.0 && t < 1.0 + WIDE
+    u >= -WIDE && v >= -WIDE && u + v <= 1.0 + WIDE && (0.0..1.0 + WIDE).contains(&t)
 }

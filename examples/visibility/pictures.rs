@@ -53,7 +53,6 @@ fn kept(
     set: &Pvs,
     [width, height]: [u32; 2],
 ) -> Result<Image, Box<dyn Error>> {
-    let scene = only(&input.scene, set)?;
     let size = set.iter().flat_map(|t| mesh.corners(t as usize)).fold(0.0f64, |size, p| {
         let from_cell = mesh.origin() + p.as_dvec3() - input.cell.center();
         size.max(from_cell.length())
@@ -62,6 +61,7 @@ fn kept(
     let middle = input.cell.center();
     let eye =
         middle + input.up * size * 0.4 - input.ahead * size * 0.5 + input.ahead.cross(input.up) * size * 0.25;
+    let scene = only(&input.scene, set, eye)?;
     let camera =
         Camera::look_at(eye, middle + input.ahead * size * 0.12, input.up)?.with_image(width, height)?;
     let mut options = RenderOptions::default();
@@ -83,8 +83,9 @@ fn kept(
     Ok(image)
 }
 
-/// A scene without the triangles that are not in the set.
-fn only(scene: &Scene, set: &Pvs) -> Result<Scene, Box<dyn Error>> {
+/// A scene without the triangles that are not in the set, and without those that turn their backs to the eye: so one looks
+/// into rooms.
+fn only(scene: &Scene, set: &Pvs, eye: DVec3) -> Result<Scene, Box<dyn Error>> {
     let mut kept = Scene::new();
     scene.textures().iter().for_each(|texture| _ = kept.add_texture(texture.clone()));
     for material in scene.materials() {
@@ -98,7 +99,14 @@ fn only(scene: &Scene, set: &Pvs) -> Result<Scene, Box<dyn Error>> {
         let whole = scene.mesh_of(instance);
         let last = first + whole.triangles().len() as u32;
         let seen = set.intersection(&Pvs::from_sorted(first..last));
-        let triangles = seen.iter().map(|t| whole.triangles()[(t - first) as usize]).collect();
+        let (place, side) = (instance.world_from_mesh, instance.world_from_mesh.matrix3.determinant());
+        let faces_eye = |t: &u32| {
+            let corners = whole.corners((t - first) as usize).map(|p| whole.origin() + p.as_dvec3());
+            let [a, b, c] = corners.map(|p| place.transform_point3(p));
+            (b - a).cross(c - a).dot(eye - a) * side > 0.0
+        };
+        let triangles =
+            seen.iter().filter(faces_eye).map(|t| whole.triangles()[(t - first) as usize]).collect();
         first = last;
         if seen.is_empty() {
             continue;

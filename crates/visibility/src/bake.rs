@@ -19,6 +19,64 @@ use std::path::Path;
 const BATCH: u32 = 8;
 
 /// What is baked, and how.
+///
+/// All that a host program needs: bake once, then ask for the set of the cell that the viewer is in.
+///
+/// ```
+/// use farsight_geometry::ray::SceneCaster;
+/// use farsight_geometry::scene::{Instance, Scene};
+/// use farsight_geometry::{DAabb, TriangleMesh};
+/// use farsight_visibility::glam::{DAffine3, DVec3, UVec3, Vec3};
+/// use farsight_visibility::{Bake, Budget, CellGrid, Occluders, Options, PvsStore, Triangles};
+/// use std::ops::ControlFlow;
+///
+/// // A corridor along x with a wall across it at x = 5, and a statue at either end.
+/// let mut scene = Scene::new();
+/// let slab = [(0.0, -9.0, -9.0), (0.0, 9.0, -9.0), (0.0, 9.0, 9.0), (0.0, -9.0, 9.0)];
+/// let corners = slab.map(|(x, y, z)| Vec3::new(x, y, z)).to_vec();
+/// let wall = scene.add_mesh(TriangleMesh::new(corners, vec![[0, 1, 2], [0, 2, 3]])?);
+/// let statue = scene.add_mesh(TriangleMesh::new(vec![Vec3::ZERO, Vec3::Y, Vec3::Z], vec![[0, 1, 2]])?);
+/// for (name, mesh, x) in [("wall", wall, 5.0), ("left", statue, -1.0), ("right", statue, 11.0)] {
+///     let world_from_mesh = DAffine3::from_translation(DVec3::X * x);
+///     scene.add_instance(Instance { name: name.into(), mesh, world_from_mesh, material: None })?;
+/// }
+///
+/// // Bake: cells of a metre where viewers go, sets of whole instances.
+/// let triangles = Triangles::of_scene(&scene)?.by_instance();
+/// let caster = SceneCaster::new(&scene)?;
+/// let walkable = DAabb::new(DVec3::new(0.0, -0.5, 0.0), DVec3::new(10.0, 0.5, 1.0));
+/// let bake = Bake {
+///     triangles: &triangles,
+///     occluders: Occluders::opaque(&caster),
+///     grid: CellGrid::new(walkable, UVec3::new(10, 1, 1))?,
+///     options: Options::default(),
+///     // Until fewer than a thousandth of all pixels can be wrong, at 95 %.
+///     budget: Budget::missed(1e-3, 0.95, 1_000_000)?,
+/// };
+/// let path = std::env::temp_dir().join(format!("farsight-corridor-{}.pvs", std::process::id()));
+/// bake.to_file(&path, 0..bake.grid.len(), |cell| {
+///     println!("cell {}: {} of {} instances", cell.cell, cell.set.len(), triangles.members());
+///     ControlFlow::Continue(())
+/// })?;
+///
+/// // At run time: the set changes when the viewer enters another cell.
+/// let store = PvsStore::read(&std::fs::read(&path)?)?;
+/// let (mut here, mut set) = (None, None);
+/// let mut drawn = Vec::new();
+/// for x in [1.0, 1.2, 8.5, 30.0] {
+///     let eye = DVec3::new(x, 0.0, 0.5);
+///     let cell = store.grid().cell_at(eye);
+///     if cell != here {
+///         (here, set) = (cell, cell.and_then(|cell| store.get(cell)));
+///     }
+///     // Outside of all cells everything is drawn.
+///     let visible = |instance: &u32| set.as_ref().is_none_or(|set| set.contains(*instance));
+///     drawn.push((0..3).filter(visible).collect::<Vec<u32>>());
+/// }
+/// assert_eq!(drawn, [vec![0, 1], vec![0, 1], vec![0, 2], vec![0, 1, 2]]);
+/// # std::fs::remove_file(&path)?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Bake<'a, C> {
     /// What is looked at.

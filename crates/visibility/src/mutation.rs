@@ -8,7 +8,7 @@ use crate::wave::{RAYS_PER_UNIT, Scratch, Space};
 use farsight_geometry::RayCaster;
 use farsight_geometry::sampling::Random;
 
-/// Rays past one triangle. Four cost half of what four past four triangles cost, and find as much.
+/// Rays past one triangle. Four cost a third less than one past each of four triangles, and find as much.
 const EACH: usize = 4;
 
 /// Triangles, side by side in the picture, that rays of one viewpoint go past.

@@ -38,7 +38,7 @@ const MOST_WAITING: usize = 1 << 22;
 /// bound; [`validate`](Self::validate) bounds it statistically.
 ///
 /// # Cost
-/// Rays are nearly all of it. Memory: two bits a triangle, 4 bytes a visible one (60 with witnesses), 64 a waiting job.
+/// Rays are nearly all of it. Memory: two bits a triangle, some 40 bytes a visible one (100 with witnesses), 72 a waiting job.
 ///
 /// # References
 /// [Wimmer 2007] 5.3. Differs: see `docs/visibility.md`.
