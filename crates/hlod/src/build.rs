@@ -254,7 +254,7 @@ const STEPS_IN_SIDE: f64 = 48.0;
 /// below it, simplified until the errors of all steps together reach its edge over [`BuildOptions::resolution`].
 ///
 /// # Accuracy
-/// The error that a node has in the end, rounding of coordinates included, is stored with it: [`Tree::error`]. The result is the same, byte for byte, for any
+/// The error that a node has in the end, rounding of coordinates included, is stored with it: [`Tree::error`](crate::Tree::error). The result is the same, byte for byte, for any
 /// number of threads, any memory limit and any division of the input into batches.
 ///
 /// # Cost

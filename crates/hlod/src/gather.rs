@@ -3,7 +3,7 @@
 //! What was equal on both sides of a wall is one after merging equal vertices. Elsewhere (where one cell is a leaf and its neighbour is simplified, or a rim
 //! could not become what the other side made of it) there is a crack, no wider than the errors of both sides together. It is closed by
 //! moving vertices onto each other, or into sides of the other rim, which are divided there (the pairs of vertices, and of vertex and edge, of
-//! Borodin, Guthe & Klein 2003). The way that is moved adds to the error.
+//! Borodin, Gumhold, Guthe & Klein 2003). The way that is moved adds to the error.
 
 use crate::appearance::Look;
 use crate::cell::{Cell, Lattice};

@@ -1,4 +1,14 @@
-//! Simplifies triangle soups and knows how far the result is off.
+//! Levels of detail that know how far they are off: [`simplify()`] for a mesh, and hierarchies on disk for surfaces of any size.
+//!
+//! | question | answer |
+//! |---|---|
+//! | how few triangles stand for a mesh within a distance | [`simplify()`], [`Simplified`] |
+//! | how does a surface of any size get into levels of detail | [`build()`], in batches of triangles |
+//! | what is in such a file | [`Store`], [`Tree`], [`NodeMesh`] |
+//! | which nodes does a view need, and how wrong is it | [`Selector`], [`Selection`] |
+//! | which cast shadows into it | [`select_casters`] |
+//! | how are they at hand when they are needed | [`Stream`], [`prefetch()`] |
+//! | what about triangles smaller than a pixel | [`Splats`] |
 //!
 //! ```
 //! use farsight_geometry::hard_cases::bumpy_ball;
@@ -20,7 +30,10 @@
 //! The work is done in three phases: quick contractions by quadrics, without any certainty; certification of the whole, taking back the
 //! contractions that fail; then contractions that are certified one by one. [`Tier`] chooses how far to go.
 //!
-//! Source: Guthe 2004, section 3. The certificates are new.
+//! A hierarchy is an octree. Leaves hold the input, cut at the walls of their cells; an inner node holds what lies two levels below, simplified, with the error of all steps together. See
+//! [`build()`] for an example, and the book for how neighbours are made to fit.
+//!
+//! Source: Guthe 2004, sections 3 and 4. The certificates are new.
 
 mod appearance;
 mod build;

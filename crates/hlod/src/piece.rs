@@ -7,6 +7,7 @@ use crate::cut::Polygons;
 use farsight_geometry::TriangleMesh;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 /// Which attributes a surface has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,22 +56,54 @@ pub(crate) struct Piece {
     pub triangles: Vec<[u32; 3]>,
 }
 
+/// Mixes whole words: positions and looks are looked up far more often than anyone could choose them badly.
+#[derive(Clone, Copy, Default)]
+struct Mix(u64);
+
+impl Hasher for Mix {
+    fn finish(&self) -> u64 {
+        // High bits know of all words, and tables use the low ones too.
+        self.0 ^ self.0 >> 32
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        let (words, rest) = bytes.as_chunks::<8>();
+        words.iter().for_each(|w| self.write_u64(u64::from_le_bytes(*w)));
+        let mut last = [0; 8];
+        last[..rest.len()].copy_from_slice(rest);
+        self.write_u64(u64::from_le_bytes(last));
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        self.0 = (self.0.rotate_left(23) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+
+    fn write_usize(&mut self, word: usize) {
+        self.write_u64(word as u64);
+    }
+}
+
 /// Numbers vertices by position and look.
 #[derive(Default)]
 pub(crate) struct Vertices {
-    ids: HashMap<(Lattice, [u32; 9]), u32>,
+    bare: HashMap<Lattice, u32, BuildHasherDefault<Mix>>,
+    ids: HashMap<(Lattice, [u32; 9]), u32, BuildHasherDefault<Mix>>,
     pub at: Vec<Lattice>,
     pub looks: Vec<Look>,
 }
 
 impl Vertices {
     pub(crate) fn add(&mut self, at: Lattice, look: Option<Look>) -> u32 {
-        let bits = look.map_or([0; 9], |l| l.to_array().map(f32::to_bits));
-        *self.ids.entry((at, bits)).or_insert_with(|| {
+        let next = self.at.len() as u32;
+        let id = match look {
+            None => *self.bare.entry(at).or_insert(next),
+            Some(look) => *self.ids.entry((at, look.to_array().map(f32::to_bits))).or_insert(next),
+        };
+        if id == next {
             self.at.push(at);
             self.looks.extend(look);
-            self.at.len() as u32 - 1
-        })
+        }
+        id
     }
 }
 
