@@ -78,8 +78,8 @@ fn true_pixels(mesh: &TriangleMesh, store: &Store, selection: &Selection, camera
     let frustum = Frustum::from_camera(camera);
     let vertices = mesh.positions().iter().map(|p| mesh.origin() + p.as_dvec3());
     let off = |p: DVec3| {
-        let nearest = drawn.nearest(p)?;
-        Some(camera.error_px(nearest.distance, camera.eye().distance(p)))
+        let to = drawn.nearest(p)?.point;
+        Some(camera.project(p)?.0.distance(camera.project(to)?.0))
     };
     vertices.filter(|&p| frustum.contains(p)).filter_map(off).fold(0.0, f64::max)
 }

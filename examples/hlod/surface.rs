@@ -67,8 +67,8 @@ pub fn measured_px(mesh: &TriangleMesh, parts: &[Part], camera: &Camera) -> Resu
     }
     let drawn = Surface::new(&TriangleMesh::from_world(&positions, triangles)?);
     let off = |p: &DVec3| {
-        let nearest = drawn.nearest(*p)?;
-        Some(camera.error_px(nearest.point.distance(*p), camera.eye().distance(*p)))
+        let to = drawn.nearest(*p)?.point;
+        Some(camera.project(*p)?.0.distance(camera.project(to)?.0))
     };
     Ok(picture::visible_points(mesh, camera)?.iter().filter_map(off).fold(0.0, f64::max))
 }

@@ -262,7 +262,7 @@ const STEPS_IN_SIDE: f64 = 48.0;
 ///
 /// # Errors
 /// [`HlodError::Option`], [`HlodError::Input`] with the error of a batch, [`HlodError::Cancelled`], [`HlodError::Io`], and
-/// [`HlodError::TooLarge`] when millions of triangles share one place, so that cutting cannot separate them.
+/// [`HlodError::TooLarge`] when millions of triangles share one place, so that cutting cannot separate them, or are so loose that simplification leaves them all.
 ///
 /// # References
 /// [Guthe 2004], section 3. Differs: the error is proven and that which was achieved; both sides of a wall keep the same rim.

@@ -19,7 +19,7 @@ pub(super) struct Made {
     pub look_error: f64,
     pub bounds: LatticeBox,
     pub cone: Cone,
-    /// Vertices moved to close cracks, and sides that are still open on walls within.
+    /// Vertices moved to close cracks.
     pub joined: u64,
 }
 
@@ -70,6 +70,9 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
     let parts = below.into_iter().map(|b| Part { piece: b.piece, error: b.error / unit }).collect();
     let budget = f64::from(cell.edge()) * unit / plan.resolution;
     let Gathered { piece, error, joined } = gather(cell, 2, parts, JOIN_SHARE * budget / unit);
+    if piece.triangles.len() > MOST_GATHERED {
+        return Err(HlodError::TooLarge { triangles: piece.triangles.len(), limit: MOST_GATHERED });
+    }
     let before = (error * unit).next_up();
     let step = plan.steps.of(cell, false);
     let rounded = (rounding(step) * unit).next_up();
@@ -96,6 +99,9 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
     let look_error = if attributes.any() { look_before + appearance + rounded } else { error };
     Ok(Made { joined, ..Made::new(&piece, cell, step, attributes, error, look_error) })
 }
+
+/// Triangles that a node may be made of. Surfaces stay far below it; millions of loose triangles, which nothing can stand for, do not.
+const MOST_GATHERED: usize = 1 << 22;
 
 /// How far anything may be moved to close cracks, over the tolerance of the node. Rims of two levels below are within twice their share of each other.
 const JOIN_SHARE: f64 = 0.2;

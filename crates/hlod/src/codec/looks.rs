@@ -106,11 +106,14 @@ fn expected_normals(at: &[Lattice], indices: &[u32], into: &mut Vec<[i32; 2]>, s
     sums.clear();
     sums.resize(at.len(), Vec3::ZERO);
     let place = |v: u32| at.get(v as usize).copied().unwrap_or_default();
-    for t in indices.as_chunks::<3>().0 {
-        let [a, b, c] = t.map(place);
-        let side = |p: Lattice| Vec3::from_array([0, 1, 2].map(|k| p[k].wrapping_sub(a[k]) as f32));
-        let normal = side(b).cross(side(c));
-        for &v in t {
+    let between = |p: Lattice, q: Lattice| {
+        let one = |k: usize| q[k].wrapping_sub(p[k]) as f32;
+        Vec3::new(one(0), one(1), one(2))
+    };
+    for &[i, j, k] in indices.as_chunks::<3>().0 {
+        let a = place(i);
+        let normal = between(a, place(j)).cross(between(a, place(k)));
+        for v in [i, j, k] {
             if let Some(sum) = sums.get_mut(v as usize) {
                 *sum += normal;
             }
