@@ -1,6 +1,6 @@
 //! What planning costs, and how well planned frames take what was predicted. Every figure is printed beside the floor it is held to.
 //!
-//! `cargo bench --all-features --bench plan`
+//! `cargo bench --all-features --bench plan`; `-- --speed` only what planning costs.
 
 mod predict;
 
@@ -18,7 +18,9 @@ const DETAILS: i32 = 6;
 
 fn main() {
     speed();
-    predict::report();
+    if !std::env::args().any(|a| a == "--speed") {
+        predict::report();
+    }
 }
 
 /// Time and allocations of a plan.

@@ -21,22 +21,26 @@ pub struct Candidate {
 
 impl Candidate {
     /// Something that is exact.
+    #[inline]
     pub fn exact(choice: Choice, work: Work, cost: Millis) -> Self {
         Self { choice, strain: 0.0, error: ErrorBound::proven(0.0, Unit::Pixels), work, cost }
     }
 
     /// Nothing, where nothing is missed.
+    #[inline]
     pub fn nothing() -> Self {
         Self::exact(Choice::Nothing, Work::default(), Millis::ZERO)
     }
 }
 
 /// An error in tolerances; a tolerance of zero admits no error.
+#[inline]
 pub fn strain(error: f64, tolerance: f64) -> f64 {
     if error == 0.0 { 0.0 } else { error / tolerance }
 }
 
 /// Whether `candidate` may be taken where `allowed` tolerances are: once another choice was made, only well below.
+#[inline]
 pub fn admits(allowed: f64, strain: f64, is_previous: bool, fresh: bool) -> bool {
     strain <= if is_previous || fresh { allowed } else { allowed * (1.0 - BAND) }
 }

@@ -24,6 +24,7 @@ pub struct Work {
 }
 
 impl Work {
+    #[inline]
     fn combine(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
         Self {
             draws: f(self.draws, other.draws),
@@ -39,12 +40,14 @@ impl Work {
 
 impl Add for Work {
     type Output = Self;
+    #[inline]
     fn add(self, other: Self) -> Self {
         self.combine(other, |a, b| a + b)
     }
 }
 
 impl AddAssign for Work {
+    #[inline]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
@@ -52,6 +55,7 @@ impl AddAssign for Work {
 
 impl Mul<f64> for Work {
     type Output = Self;
+    #[inline]
     fn mul(self, factor: f64) -> Self {
         self.combine(self, |a, _| a * factor)
     }

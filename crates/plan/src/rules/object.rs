@@ -26,6 +26,7 @@ impl Had {
     const FULL: Self = Self(0);
 
     /// What a choice will have been.
+    #[inline]
     pub fn of(choice: &Choice) -> Self {
         match choice {
             Choice::Nothing => Self::NOTHING,
@@ -37,6 +38,7 @@ impl Had {
     }
 
     /// The detail, counting the object itself as zero; `None` for what is no mesh.
+    #[inline]
     fn detail(self) -> Option<u16> {
         (self.0 < Self::NOTHING.0).then_some(self.0)
     }
@@ -60,6 +62,7 @@ pub struct Seen<'a> {
 
 impl Seen<'_> {
     /// The cheapest form within `allowed` tolerances.
+    #[inline]
     pub fn pick(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> Candidate {
         match self.choose(allowed, costs) {
             (Choose::Nothing, _) => self.nothing(),
@@ -69,10 +72,12 @@ impl Seen<'_> {
     }
 
     /// What the cheapest form within `allowed` tolerances takes.
+    #[inline]
     pub fn cost(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> Millis {
         self.choose(allowed, costs).1
     }
 
+    #[inline]
     fn choose(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> (Choose, Millis) {
         let fresh = self.had == Had::UNKNOWN;
         if admits(allowed, self.vanishing(), self.had == Had::NOTHING, fresh) {
@@ -88,9 +93,10 @@ impl Seen<'_> {
         }
     }
 
-    /// Why `chosen` was chosen; `unhurried` is what would be with time enough.
-    pub fn reason(&self, chosen: &Candidate, unhurried: &Candidate, allowed: f64) -> Reason {
-        let class = if chosen.cost < unhurried.cost { Class::Budgeted } else { Class::Dominated };
+    /// Why `chosen` was chosen; with time enough it would have taken `unhurried`.
+    #[inline]
+    pub fn reason(&self, chosen: &Candidate, unhurried: Millis, allowed: f64) -> Reason {
+        let class = if chosen.cost < unhurried { Class::Budgeted } else { Class::Dominated };
         match chosen.choice {
             Choice::Full => match self.object.details.first() {
                 Some(next) => Reason::new(Class::Kept, Rule::Tolerance, self.strain(next), allowed),
@@ -102,6 +108,7 @@ impl Seen<'_> {
     }
 
     /// What was not chosen: the whole, and what is next after the chosen form.
+    #[inline]
     pub fn rejected(
         &self,
         chosen: &Candidate,
@@ -129,6 +136,7 @@ impl Seen<'_> {
     }
 
     /// The cheapest of the object and its details: the coarsest of those made of triangles, or of points.
+    #[inline]
     fn cheapest(&self, allowed: f64, costs: &(impl CostModel + ?Sized)) -> (usize, Millis) {
         let coarsest = self.coarsest(allowed);
         let within = &self.object.details[..coarsest];
@@ -151,17 +159,18 @@ impl Seen<'_> {
     }
 
     /// How many details may be skipped, the object itself being zero. Finer than before is no new choice: only going down must clear the band.
+    #[inline]
     fn coarsest(&self, allowed: f64) -> usize {
         let details = self.object.details;
         let limit = allowed * self.tolerances.position_px;
-        let within = |limit: f64| {
-            let px = self.view.px_per_unit;
-            details.iter().take_while(|d| d.error == 0.0 || d.error * px <= limit).count()
-        };
-        match self.had.detail() {
-            _ if self.had == Had::UNKNOWN => within(limit),
-            had => within(limit * (1.0 - BAND)).max(within(limit).min(had.map_or(0, usize::from))),
+        let beyond = |d: &Detail, limit: f64| d.error * self.view.px_per_unit > limit && d.error != 0.0;
+        let most = details.iter().take_while(|d| !beyond(d, limit)).count();
+        if self.had == Had::UNKNOWN {
+            return most;
         }
+        let kept = most.min(self.had.detail().map_or(0, usize::from));
+        let clear = limit * (1.0 - BAND);
+        (kept..most).rev().find(|&i| !beyond(&details[i], clear)).map_or(kept, |i| i + 1)
     }
 
     /// Error of a detail in tolerances.
@@ -170,6 +179,7 @@ impl Seen<'_> {
     }
 
     /// What drawing the object itself (zero) or a detail of it is.
+    #[inline]
     fn mesh_work(&self, skipped: usize) -> Work {
         let (object, view) = (self.object, self.view);
         let mut work = Work {
@@ -191,6 +201,7 @@ impl Seen<'_> {
         work
     }
 
+    #[inline]
     fn mesh(&self, skipped: usize, cost: Millis) -> Candidate {
         let Some(detail) = skipped.checked_sub(1).map(|i| &self.object.details[i]) else {
             return Candidate::exact(Choice::Full, self.mesh_work(0), cost);
@@ -206,6 +217,7 @@ impl Seen<'_> {
     }
 
     /// Frames until an impostor is off by what is allowed; `None` where it may not be or would not last.
+    #[inline]
     fn impostor_frames(&self, allowed: f64) -> Option<f64> {
         let error_px = allowed * self.tolerances.position_px;
         let frames = (self.view.impostor_frames * error_px).min(HORIZON);
@@ -214,6 +226,7 @@ impl Seen<'_> {
     }
 
     /// A quad every frame, and drawing the picture of a detail once in `frames` (Hilbert & Brunnett 2004, equation 1).
+    #[inline]
     fn impostor_work(&self, frames: f64, skipped: usize) -> Work {
         // As many pixels as the square around it on the screen has.
         let square = (self.view.size_px * self.view.size_px).max(self.view.pixels);
@@ -250,6 +263,7 @@ impl Seen<'_> {
     }
 
     /// What is missed when the object is left out, in tolerances: of a pixel its area as a share of the range; of a larger object all of its size.
+    #[inline]
     fn vanishing(&self) -> f64 {
         let size = self.view.size_px;
         let shade = strain((size * size).min(1.0), self.tolerances.edge_shade);
