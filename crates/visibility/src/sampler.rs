@@ -409,11 +409,11 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         while shot < rays && misses <= most {
             let first = self.next_look;
             let left = rays - shot;
-            let space = &self.space;
+            let (space, members) = (&self.space, &self.members);
             let units = left.div_ceil(RAYS_PER_LOOK_UNIT).min(UNITS as u64);
             let run = |(i, scratch): (usize, &mut Scratch)| {
                 let done = i as u64 * RAYS_PER_LOOK_UNIT;
-                look(space, first + i as u64, (left - done).min(RAYS_PER_LOOK_UNIT), scratch)
+                look(space, members, first + i as u64, (left - done).min(RAYS_PER_LOOK_UNIT), scratch)
             };
             let work = scratch[..units as usize].iter_mut().enumerate();
             #[cfg(feature = "rayon")]

@@ -1,5 +1,6 @@
 //! How much a set misses at most: an independent sample of pixels, and what follows from it.
 
+use crate::bits::Bits;
 use crate::occluders::Occluders;
 use crate::random::view_ray;
 use crate::sight::Sight;
@@ -101,8 +102,15 @@ pub(crate) fn rays_to_prove(share: f64, confidence: f64) -> u64 {
     (2.0 * -(1.0 - confidence).ln() / share).ceil() as u64
 }
 
-/// Looks along the rays of one unit; sights of what is missing are left in the scratch. Returns how many rays missed.
-pub(crate) fn look<C: RayCaster>(space: &Space<C>, stream: u64, rays: u64, scratch: &mut Scratch) -> u64 {
+/// Looks along the rays of one unit; sights of triangles that are missing are left in the scratch. Returns how many rays met a member that is missing: a known object
+/// is not missed for want of one of its triangles.
+pub(crate) fn look<C: RayCaster>(
+    space: &Space<C>,
+    members: &Bits,
+    stream: u64,
+    rays: u64,
+    scratch: &mut Scratch,
+) -> u64 {
     let mut random = Random::new(space.options.seed ^ 0x7a11_da7e).stream(stream);
     let Scratch { rays: buffer, hits, out, owners, .. } = scratch;
     out.sights.clear();
@@ -115,6 +123,8 @@ pub(crate) fn look<C: RayCaster>(space: &Space<C>, stream: u64, rays: u64, scrat
     let mut missed = |i: usize, triangle: u32| {
         if !space.seen.contains(triangle) {
             out.sights.push(sight(i, triangle));
+        }
+        if !members.contains(space.triangles.member(triangle)) {
             owners.push(i as u32);
         }
     };

@@ -111,3 +111,22 @@ fn a_set_that_misses_everything_says_so() {
     assert_eq!((sampler.len(), missed.per_million()), (1, missed.bound.value * 1e6));
     assert!(sampler.validate(10, 1.5).is_err());
 }
+
+/// Where members are groups, a known group is not missed for want of some of its triangles.
+#[test]
+fn groups_are_missed_as_groups() {
+    let mesh = leaves(3000);
+    let caster = Bvh8::new(&mesh);
+    let groups: Vec<u32> = (0..3000).map(|t| t % 30).collect();
+    let triangles = Triangles::of_mesh(&mesh).with_members(groups, 30).unwrap();
+    let cell = ViewCell::from_box(&DAabb::new(DVec3::splat(-0.5), DVec3::splat(0.5))).unwrap();
+    let mut options = Options::default();
+    options.first_random = 2000;
+    let mut sampler = Sampler::new(&triangles, Occluders::opaque(&caster), &cell, options).unwrap();
+    sampler.run(&Budget::rays(2000));
+    // Every group has triangles on all sides; far from all triangles are known.
+    assert_eq!(sampler.pvs().len(), 30);
+    let missed = sampler.validate(20_000, 0.95).unwrap();
+    assert_eq!((missed.misses, missed.rays), (0, 20_000));
+    assert!(missed.bound.value < 2e-4);
+}
