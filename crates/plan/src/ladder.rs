@@ -60,7 +60,11 @@ impl Ladder {
     /// The last frame's rung stays as long as it fits and none below would fit well: with time to spare even where errors were a band larger. When it must
     /// be left for a higher one, some steps more are taken, for the same reason.
     pub fn climb(&self, limit: Millis, last: Option<u32>, cost: impl Fn(u32) -> Load) -> u32 {
-        let top = self.base + OCTAVES * PER_OCTAVE as u32;
+        self.climb_to(self.base + OCTAVES * PER_OCTAVE as u32, limit, last, cost)
+    }
+
+    /// As [`climb`](Self::climb), up to `top` at most.
+    pub fn climb_to(&self, top: u32, limit: Millis, last: Option<u32>, cost: impl Fn(u32) -> Load) -> u32 {
         let Some(last) = last.map(|l| l.clamp(self.base, top)) else {
             return lowest(self.base, top, |r| cost(r).net <= limit);
         };

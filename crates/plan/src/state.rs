@@ -18,8 +18,8 @@ pub struct PlanState {
     pub(crate) objects: Vec<Had>,
     pub(crate) lights: Vec<LightState>,
     pub(crate) culling: Culling,
-    /// Tolerances that the last frame was given, as a step of the ladder.
-    pub(crate) rung: Option<u32>,
+    /// Tolerances that the last frame was given, as steps of the ladder: all together, objects and clouds, lights.
+    pub(crate) rungs: Option<[u32; 3]>,
     pub(crate) controlled: bool,
 }
 
