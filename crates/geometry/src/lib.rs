@@ -29,6 +29,7 @@
 //! | [`bvh`] | which objects are where |
 //! | [`sampling`] | which points and directions to try |
 //! | [`io`] | what a file holds |
+//! | [`streaming`] | what is in memory, and what comes next |
 //! | `hard_cases` | what may go wrong (feature `hard-cases`) |
 
 pub mod accuracy;
@@ -50,6 +51,7 @@ pub mod ray;
 pub mod rounding;
 pub mod sampling;
 pub mod scene;
+pub mod streaming;
 
 pub use accuracy::{Cost, Counters, ErrorBound};
 pub use bounds::{Aabb, DAabb, Sphere};

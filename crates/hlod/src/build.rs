@@ -14,10 +14,11 @@ use crate::tree::Steps;
 use crate::{HlodError, SimplifyOptions, Tier};
 use farsight_geometry::TriangleMesh;
 use farsight_geometry::accuracy::Cost;
+use farsight_geometry::streaming::{folder_of, sync_folder};
 use journal::Journal;
 use levels::Levels;
 use partition::Cutter;
-use scratch::{Scratch, sync_folder};
+use scratch::Scratch;
 use spool::{Spool, Spooler};
 use std::borrow::Borrow;
 use std::error::Error;
@@ -302,7 +303,7 @@ pub fn build<M: Borrow<TriangleMesh>, E: Into<Box<dyn Error + Send + Sync>>>(
     let spool = spooler.finish()?;
     let plan = plan(&spool, options);
     let report = construct(spool, &plan, out, options, &scratch, &watch)?;
-    sync_folder(out)?;
+    sync_folder(folder_of(out)).map_err(HlodError::io(folder_of(out)))?;
     let mut cost = report.cost;
     cost.time = start.elapsed();
     Ok(BuildReport { cost, ..report })

@@ -52,8 +52,6 @@ mod fast;
 mod flood;
 mod frame;
 mod gather;
-mod load;
-mod lru;
 mod original;
 mod piece;
 mod polygon;

@@ -9,6 +9,7 @@ use crate::HlodError;
 use crate::codec::{Looks, Shape, decode_looks, decode_shape};
 use crate::piece::{Attributes, Piece};
 use crate::tree::{Mesh, NodeId, Stored, Tree};
+use farsight_geometry::streaming::read_exact_at;
 use farsight_geometry::{MeshError, TriangleMesh};
 use glam::{DVec3, Vec2, Vec3};
 use std::fs::File;
@@ -230,33 +231,5 @@ impl Bytes {
         let looks = if with_looks { stored.looks_bytes as usize } else { 0 };
         into.resize(stored.shape_bytes as usize + looks, 0);
         self.read(stored.offset, into)
-    }
-}
-
-/// Reads at an offset without moving anyone's position.
-pub(crate) fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<()> {
-    #[cfg(unix)]
-    {
-        std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
-    }
-    #[cfg(windows)]
-    {
-        let mut done = 0;
-        while done < buffer.len() {
-            match std::os::windows::fs::FileExt::seek_read(file, &mut buffer[done..], offset + done as u64)? {
-                0 => return Err(io::ErrorKind::UnexpectedEof.into()),
-                n => done += n,
-            }
-        }
-        Ok(())
-    }
-    #[cfg(not(any(unix, windows)))]
-    {
-        use std::io::{Read, Seek};
-        static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());
-        let _guard = ONE_AT_A_TIME.lock();
-        let mut file = file;
-        file.seek(io::SeekFrom::Start(offset))?;
-        file.read_exact(buffer)
     }
 }

@@ -1,12 +1,11 @@
 //! Drawing while loading: what is in memory is drawn, what is missing comes in the background, nothing waits.
 
-use crate::load::{Loaded, Loader};
-use crate::lru::Lru;
 use crate::prefetch::{PrefetchOptions, prefetch};
 use crate::select::{Selection, Selector, ViewOptions};
 use crate::tree::{Mesh, NodeId};
 use crate::{HlodError, NodeMesh, Store};
 use farsight_geometry::Camera;
+use farsight_geometry::streaming::{Loader, Lru};
 use std::sync::Arc;
 
 /// Size of the cache and pace of loading.
@@ -75,8 +74,8 @@ pub struct Stream {
     options: StreamOptions,
     meshes: Vec<Option<NodeMesh>>,
     lru: Lru,
-    loader: Loader,
-    arrived: Vec<Loaded>,
+    loader: Loader<NodeId, NodeMesh, HlodError>,
+    arrived: Vec<(NodeId, Result<NodeMesh, HlodError>)>,
     broken: Vec<bool>,
     failures: Vec<(NodeId, HlodError)>,
     came: Vec<NodeId>,
@@ -118,8 +117,10 @@ impl Stream {
     pub fn new(store: impl Into<Arc<Store>>, mesh: Mesh, options: StreamOptions) -> Result<Self, HlodError> {
         let store = store.into();
         let nodes = store.tree().ids().len();
+        let source = Arc::clone(&store);
+        let read = move |node, into: &mut NodeMesh| source.read(node, mesh, into);
         let mut stream = Self {
-            loader: Loader::new(&store, mesh, options.threads),
+            loader: Loader::new(options.threads, read),
             store,
             mesh,
             options,
@@ -138,7 +139,7 @@ impl Stream {
             let mut out = NodeMesh::default();
             stream.store.read(root, mesh, &mut out)?;
             // The root stays for good, whatever the budget.
-            stream.lru.insert(root, out.bytes());
+            stream.lru.insert(root.0, out.bytes());
             stream.meshes[root.0 as usize] = Some(out);
             stream.came.push(root);
         }
@@ -174,15 +175,15 @@ impl Stream {
         let Self { store, selector, selection, meshes, lru, broken, .. } = self;
         let tree = store.tree();
         if let Some(root) = tree.root() {
-            lru.touch(root);
+            lru.touch(root.0);
         }
         selector.select(tree, camera, &options, |n| meshes[n.0 as usize].is_some(), selection);
         for d in &selection.drawn {
             // What is above is needed again when this one goes.
             let mut at = Some(d.node);
-            while let Some(node) = at.filter(|&n| !lru.was_touched(n)) {
+            while let Some(node) = at.filter(|&n| !lru.was_touched(n.0)) {
                 if meshes[node.0 as usize].is_some() {
-                    lru.touch(node);
+                    lru.touch(node.0);
                 }
                 at = tree.parent(node);
             }
@@ -190,7 +191,7 @@ impl Stream {
         // Siblings wait for each other: what has come of a wanted family stays.
         for &wanted in &selection.wanted {
             let family = tree.parent(wanted).into_iter().flat_map(|p| tree.children(p));
-            family.filter(|n| meshes[n.0 as usize].is_some()).for_each(|n| lru.touch(n));
+            family.filter(|n| meshes[n.0 as usize].is_some()).for_each(|n| lru.touch(n.0));
         }
         if let Some(ahead) = &self.options.prefetch {
             prefetch(tree, camera, &options, ahead, |n| meshes[n.0 as usize].is_some(), &mut self.ahead);
@@ -217,14 +218,14 @@ impl Stream {
             taken += size;
             let Ok(new) = outcome.as_mut().map(std::mem::take) else { continue };
             let Self { meshes, lru, loader, went, came, .. } = self;
-            let release = |old: NodeId| {
-                if let Some(old_mesh) = meshes[old.0 as usize].take() {
+            let release = |old: u32| {
+                if let Some(old_mesh) = meshes[old as usize].take() {
                     loader.recycle(old_mesh);
-                    went.push(old);
+                    went.push(NodeId(old));
                 }
             };
-            if !lru.holds(*node) && lru.make_room(size, release) {
-                lru.insert(*node, size);
+            if !lru.holds(node.0) && lru.make_room(size, release) {
+                lru.insert(node.0, size);
                 meshes[node.0 as usize] = Some(new);
                 came.push(*node);
             } else {

@@ -38,21 +38,13 @@ pub enum Resource {
 }
 
 impl Pass {
-    /// What the pass makes.
-    pub fn writes(self) -> &'static [Resource] {
-        match self {
-            Pass::Cull => &[Resource::Visible],
-            Pass::ShadowMap { .. } => &[],
-            Pass::Impostors => &[Resource::Pictures],
-            Pass::Objects | Pass::Clouds => &[Resource::Colour, Resource::Depth],
-        }
-    }
-
     /// Whether the pass makes `resource`.
     pub fn makes(self, resource: Resource) -> bool {
         match (self, resource) {
+            (Pass::Cull, Resource::Visible) | (Pass::Impostors, Resource::Pictures) => true,
             (Pass::ShadowMap { light }, Resource::Map(map)) => light == map,
-            _ => self.writes().contains(&resource),
+            (Pass::Objects | Pass::Clouds, Resource::Colour | Resource::Depth) => true,
+            _ => false,
         }
     }
 

@@ -12,7 +12,6 @@ mod temp;
 mod writer;
 
 pub(crate) use in_core::sequential;
-pub(crate) use temp::read_exact_at;
 
 use crate::PointsError;
 use crate::frame::Frame;
@@ -22,6 +21,7 @@ use crate::tree::Shape;
 use abort::Abort;
 use commit::{Index, Means};
 use farsight_geometry::Cost;
+use farsight_geometry::streaming::{folder_of, sync_folder};
 use partition::{Bucket, Held, Limits};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -265,7 +265,7 @@ fn run<const W: usize>(
     let length = writer.length();
     writer.finish()?;
     std::fs::rename(&path, out).map_err(PointsError::io(out))?;
-    sync_folder(out)?;
+    sync_folder(folder_of(out)).map_err(PointsError::io(folder_of(out)))?;
     Ok(report(&index, frame.bits, payload_bytes, length, bucket_count, resumed, start))
 }
 
@@ -296,15 +296,6 @@ fn distribute<const W: usize>(
         resume::save(&mut buckets, frame, hi, identity, scratch, held)?;
     }
     Ok(Distributed { frame, hi, buckets })
-}
-
-/// Makes the new name last.
-fn sync_folder(out: &Path) -> Result<(), PointsError> {
-    if cfg!(unix) {
-        let folder = temp::parent(out);
-        std::fs::File::open(folder).and_then(|f| f.sync_all()).map_err(PointsError::io(folder))?;
-    }
-    Ok(())
 }
 
 fn report(

@@ -37,12 +37,10 @@
 compile_error!("points are kept in memory and on disk in little-endian order");
 
 mod build;
-mod cache;
 mod error;
 mod frame;
 mod input;
 mod layout;
-mod load;
 mod morton;
 mod mospt;
 mod node;

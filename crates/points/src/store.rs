@@ -8,9 +8,9 @@ pub(crate) use format::{Head, MAGIC, tail};
 pub(crate) use octree::Walked;
 pub use octree::{NodeId, Octree};
 
-use crate::build::read_exact_at;
 use crate::node::POINT_BYTES;
 use crate::{Point, PointsError};
+use farsight_geometry::streaming::read_exact_at;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 

@@ -1,10 +1,9 @@
 //! Drawing while loading: what is on the graphics card is drawn, what is missing comes in the background, nothing waits.
 
-use crate::cache::Lru;
-use crate::load::{Loaded, Loader};
 use crate::traverse::{Drawn, Selection, Traversal, ViewOptions};
 use crate::{NodeData, NodeId, PointsError, Store};
 use farsight_geometry::Camera;
+use farsight_geometry::streaming::{Loader, Lru};
 use std::sync::Arc;
 
 /// The graphics card's side: an engine implements it with its vertex buffers.
@@ -73,8 +72,8 @@ pub struct Stream<G: GpuBuffers> {
     on_card: Lru,
     data: Vec<Option<NodeData>>,
     in_memory: Lru,
-    loader: Loader,
-    arrived: Vec<Loaded>,
+    loader: Loader<NodeId, NodeData, PointsError>,
+    arrived: Vec<(NodeId, Result<NodeData, PointsError>)>,
     broken: Vec<bool>,
     failures: Vec<(NodeId, PointsError)>,
     traversal: Traversal,
@@ -104,7 +103,8 @@ impl<G: GpuBuffers> Stream<G> {
     pub fn new(store: impl Into<Arc<Store>>, gpu: G, options: StreamOptions) -> Result<Self, PointsError> {
         let store = store.into();
         let nodes = store.octree().len();
-        let loader = Loader::new(&store, options.threads);
+        let source = Arc::clone(&store);
+        let loader = Loader::new(options.threads, move |node, into: &mut NodeData| source.read(node, into));
         let mut stream = Self {
             store,
             gpu,
@@ -162,11 +162,11 @@ impl<G: GpuBuffers> Stream<G> {
         let Self { store, gpu, buffers, on_card, data, in_memory, traversal, selection, .. } = self;
         let octree = store.octree();
         let is_there = |node: NodeId| {
-            if in_memory.holds(node) {
-                in_memory.touch(node);
+            if in_memory.holds(node.0) {
+                in_memory.touch(node.0);
             }
-            if on_card.holds(node) {
-                on_card.touch(node);
+            if on_card.holds(node.0) {
+                on_card.touch(node.0);
                 return true;
             }
             let Some(points) = &data[node.0 as usize] else { return false };
@@ -175,8 +175,8 @@ impl<G: GpuBuffers> Stream<G> {
             if bytes > upload_left && upload_left < self.options.upload_bytes {
                 return false;
             }
-            let mut release = |old: NodeId| {
-                if let Some(buffer) = buffers[old.0 as usize].take() {
+            let mut release = |old: u32| {
+                if let Some(buffer) = buffers[old as usize].take() {
                     gpu.release(buffer);
                 }
             };
@@ -184,7 +184,7 @@ impl<G: GpuBuffers> Stream<G> {
                 return false;
             }
             buffers[node.0 as usize] = Some(gpu.upload(node, points));
-            on_card.insert(node, bytes);
+            on_card.insert(node.0, bytes);
             upload_left = upload_left.saturating_sub(bytes);
             true
         };
@@ -211,13 +211,13 @@ impl<G: GpuBuffers> Stream<G> {
 
     fn keep(&mut self, node: NodeId, new: NodeData) {
         let Self { in_memory, data, loader, .. } = self;
-        let release = |old: NodeId| {
-            if let Some(old) = data[old.0 as usize].take() {
+        let release = |old: u32| {
+            if let Some(old) = data[old as usize].take() {
                 loader.recycle(old);
             }
         };
-        if !in_memory.holds(node) && in_memory.make_room(new.bytes() as u64, release) {
-            in_memory.insert(node, new.bytes() as u64);
+        if !in_memory.holds(node.0) && in_memory.make_room(new.bytes() as u64, release) {
+            in_memory.insert(node.0, new.bytes() as u64);
             self.data[node.0 as usize] = Some(new);
         } else {
             loader.recycle(new);

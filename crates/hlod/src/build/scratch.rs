@@ -71,12 +71,3 @@ fn beside(out: &Path, suffix: &str) -> PathBuf {
     name.push(suffix);
     out.with_file_name(name)
 }
-
-/// Makes a new name last.
-pub(super) fn sync_folder(out: &Path) -> Result<(), HlodError> {
-    if cfg!(unix) {
-        let folder = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        File::open(folder).and_then(|f| f.sync_all()).map_err(HlodError::io(folder))?;
-    }
-    Ok(())
-}

@@ -1,10 +1,11 @@
 //! Raw bytes of the input, block by block.
 
 use super::abort::Abort;
-use super::temp::{Scratch, read_exact_at};
+use super::temp::Scratch;
 use crate::PointsError;
 use crate::input::{Batch, Input, Part, Source};
 use crate::layout::Layout;
+use farsight_geometry::streaming::read_exact_at;
 use std::fs::File;
 use std::path::PathBuf;
 use std::sync::Arc;

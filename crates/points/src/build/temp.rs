@@ -1,6 +1,7 @@
 //! Files of a build in progress: they vanish with it, or with the next one.
 
 use crate::PointsError;
+use farsight_geometry::streaming::folder_of;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -68,17 +69,12 @@ fn beside(out: &Path, suffix: &str) -> PathBuf {
     out.with_file_name(name)
 }
 
-/// The folder that holds a path.
-pub(super) fn parent(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
 /// Removes what builds of the same output have left whose lock no living process holds, but for one that is wanted.
 fn clear_abandoned(out: &Path, is_wanted: impl Fn(&Path) -> bool) -> Result<Option<Scratch>, PointsError> {
     let mut adopted: Option<Scratch> = None;
     let prefix = beside(out, "");
     let prefix = prefix.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let folder = parent(out);
+    let folder = folder_of(out);
     for entry in std::fs::read_dir(folder).map_err(PointsError::io(folder))? {
         let path = entry.map_err(PointsError::io(folder))?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -109,32 +105,4 @@ fn clear_abandoned(out: &Path, is_wanted: impl Fn(&Path) -> bool) -> Result<Opti
         }
     }
     Ok(adopted)
-}
-
-/// Reads at an offset without moving anyone's position.
-pub(crate) fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<()> {
-    #[cfg(unix)]
-    {
-        std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
-    }
-    #[cfg(windows)]
-    {
-        let mut done = 0;
-        while done < buffer.len() {
-            match std::os::windows::fs::FileExt::seek_read(file, &mut buffer[done..], offset + done as u64)? {
-                0 => return Err(io::ErrorKind::UnexpectedEof.into()),
-                n => done += n,
-            }
-        }
-        Ok(())
-    }
-    #[cfg(not(any(unix, windows)))]
-    {
-        use std::io::{Read, Seek};
-        static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());
-        let _guard = ONE_AT_A_TIME.lock();
-        let mut file = file;
-        file.seek(io::SeekFrom::Start(offset))?;
-        file.read_exact(buffer)
-    }
 }

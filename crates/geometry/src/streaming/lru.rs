@@ -1,12 +1,16 @@
-//! Least recently used nodes, without hashing or allocating: lists run through arrays indexed by node.
-
-use crate::NodeId;
+//! The least recently used of numbered things, without hashing or allocating: lists run through arrays.
 
 const NONE: u32 = u32::MAX;
 
-/// Nodes that are held somewhere, by last use, and how many bytes they take.
+/// Which of some numbered things are held, by last use, and how many bytes they take. What they are is the caller's.
+///
+/// # Cost
+/// 32 bytes for each number that there may be. Everything is done in constant time, making room in the number of things given up.
+///
+/// # Panics
+/// All methods, for a number that is not below the count given at first.
 #[derive(Clone, Debug)]
-pub(crate) struct Lru {
+pub struct Lru {
     links: Vec<Link>,
     newest: u32,
     oldest: u32,
@@ -26,35 +30,45 @@ struct Link {
 }
 
 impl Lru {
-    pub fn new(nodes: usize, budget: u64) -> Self {
+    /// Holds nothing yet, of numbers below `count`; up to `budget` bytes.
+    pub fn new(count: usize, budget: u64) -> Self {
         let unused = Link { newer: NONE, older: NONE, bytes: 0, last_use: 0, held: false };
-        Self { links: vec![unused; nodes], newest: NONE, oldest: NONE, used: 0, budget, frame: 1 }
+        Self { links: vec![unused; count], newest: NONE, oldest: NONE, used: 0, budget, frame: 1 }
     }
 
+    /// From now on, what was used before may be given up.
     pub fn next_frame(&mut self) {
         self.frame += 1;
     }
 
+    /// Bytes of everything that is held.
     pub fn used(&self) -> u64 {
         self.used
     }
 
-    pub fn holds(&self, node: NodeId) -> bool {
-        self.links[node.0 as usize].held
+    /// Whether it is held.
+    pub fn holds(&self, number: u32) -> bool {
+        self.links[number as usize].held
+    }
+
+    /// Whether it was used in this frame.
+    pub fn was_touched(&self, number: u32) -> bool {
+        let link = &self.links[number as usize];
+        link.held && link.last_use == self.frame
     }
 
     /// Notes a use.
-    pub fn touch(&mut self, node: NodeId) {
-        if self.newest != node.0 {
-            self.unlink(node.0);
-            self.link(node.0);
+    pub fn touch(&mut self, number: u32) {
+        if self.newest != number {
+            self.unlink(number);
+            self.link(number);
         }
-        self.links[node.0 as usize].last_use = self.frame;
+        self.links[number as usize].last_use = self.frame;
     }
 
-    /// Makes room by giving up nodes that were not used in this frame, oldest first; each goes to `release`. False when there is
+    /// Makes room by giving up what was not used in this frame, oldest first; each goes to `release`. False when there is
     /// not enough to give up, in which case nothing is.
-    pub fn make_room(&mut self, bytes: u64, mut release: impl FnMut(NodeId)) -> bool {
+    pub fn make_room(&mut self, bytes: u64, mut release: impl FnMut(u32)) -> bool {
         let mut free = self.budget.saturating_sub(self.used);
         let mut at = self.oldest;
         while free < bytes {
@@ -64,40 +78,40 @@ impl Lru {
             (free, at) = (free + link.bytes, link.newer);
         }
         while self.oldest != at {
-            let node = NodeId(self.oldest);
-            self.remove(node);
-            release(node);
+            let number = self.oldest;
+            self.remove(number);
+            release(number);
         }
         true
     }
 
-    /// Adds a node, for which room was made, as used now.
-    pub fn insert(&mut self, node: NodeId, bytes: u64) {
-        let link = &mut self.links[node.0 as usize];
+    /// Adds what is not held yet, and for which room was made, as used now.
+    pub fn insert(&mut self, number: u32, bytes: u64) {
+        let link = &mut self.links[number as usize];
         (link.bytes, link.held, link.last_use) = (bytes, true, self.frame);
         self.used += bytes;
-        self.link(node.0);
+        self.link(number);
     }
 
-    fn remove(&mut self, node: NodeId) {
-        self.unlink(node.0);
-        let link = &mut self.links[node.0 as usize];
+    fn remove(&mut self, number: u32) {
+        self.unlink(number);
+        let link = &mut self.links[number as usize];
         link.held = false;
         self.used -= link.bytes;
     }
 
-    fn link(&mut self, node: u32) {
-        let before = std::mem::replace(&mut self.newest, node);
-        let link = &mut self.links[node as usize];
+    fn link(&mut self, number: u32) {
+        let before = std::mem::replace(&mut self.newest, number);
+        let link = &mut self.links[number as usize];
         (link.newer, link.older) = (NONE, before);
         match self.links.get_mut(before as usize) {
-            Some(link) => link.newer = node,
-            None => self.oldest = node,
+            Some(link) => link.newer = number,
+            None => self.oldest = number,
         }
     }
 
-    fn unlink(&mut self, node: u32) {
-        let Link { newer, older, .. } = self.links[node as usize];
+    fn unlink(&mut self, number: u32) {
+        let Link { newer, older, .. } = self.links[number as usize];
         match self.links.get_mut(newer as usize) {
             Some(link) => link.older = older,
             None => self.newest = older,
@@ -129,13 +143,13 @@ mod tests {
                 frame += 1;
             }
             if let Some(i) = list.iter().position(|e| e.0 == node) {
-                assert!(lru.holds(NodeId(node)));
-                lru.touch(NodeId(node));
+                assert!(lru.holds(node));
+                lru.touch(node);
                 let (node, bytes, _) = list.remove(i);
                 list.push((node, bytes, frame));
                 continue;
             }
-            assert!(!lru.holds(NodeId(node)));
+            assert!(!lru.holds(node));
             let used = |l: &[(u32, u64, u64)]| l.iter().map(|e| e.1).sum::<u64>();
             let mut after = list.clone();
             let mut gone = Vec::new();
@@ -144,10 +158,10 @@ mod tests {
             }
             let fits = used(&after) + bytes <= budget;
             let mut released = Vec::new();
-            assert_eq!(lru.make_room(bytes, |n| released.push(n.0)), fits);
+            assert_eq!(lru.make_room(bytes, |n| released.push(n)), fits);
             if fits {
                 assert_eq!(released, gone);
-                lru.insert(NodeId(node), bytes);
+                lru.insert(node, bytes);
                 list = after;
                 list.push((node, bytes, frame));
             } else {
