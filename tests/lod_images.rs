@@ -3,9 +3,6 @@
 #[path = "../examples/lod/engine.rs"]
 #[allow(dead_code)]
 mod engine;
-#[path = "../examples/lod/models.rs"]
-#[allow(dead_code)]
-mod models;
 
 use engine::{Object, Renderer};
 use farsight_geometry::bvh::Bvh;
@@ -16,6 +13,7 @@ use farsight_geometry::{Camera, ClipConvention, TriangleMesh, hard_cases};
 use farsight_lod::{
     Cut, ImpostorOptions, ImpostorRenderer, ImpostorView, Observer, Placement, Tolerance, VertexHierarchy,
 };
+use farsight_raster::scenes::aeroplane;
 use farsight_raster::{Draw, Fragment, MipMap, Outputs, Rasteriser, State, Target};
 
 const SIZE: [u32; 2] = [320, 240];
@@ -73,7 +71,7 @@ fn difference(a: &Target, b: &Target) -> f64 {
 
 #[test]
 fn pictures_show_the_object_where_it_is_within_the_claimed_parallax() {
-    let meshes = [models::aeroplane(16).unwrap().mesh];
+    let meshes = [aeroplane(16).unwrap()];
     let mut random = Random::new(91);
     let (mut drawn, mut worst) = (0, 0.0f64);
     for i in 0..24 {

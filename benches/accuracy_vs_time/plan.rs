@@ -1,6 +1,7 @@
 //! Plans: tolerance and time limit against how far drawn surfaces are off on the image, and what drawing takes.
 
 #[path = "../../examples/tour/forms.rs"]
+#[allow(dead_code)]
 mod forms;
 
 use super::row::{Row, timed};

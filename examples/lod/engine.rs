@@ -215,18 +215,13 @@ impl ImpostorRenderer for Renderer<'_> {
         let mut target = Target::new(width, height, Outputs { colour: true, depth: true, id: false })?;
         let clip = view.clip_from_mesh(placement, ClipConvention::REVERSED);
         self.draw_lit(&mut target, self.objects[object as usize].model, placement, triangles, clip);
-        let texels: Vec<[f32; 4]> = (0..height)
-            .flat_map(|y| (0..width).map(move |x| (x, y)))
-            .map(|(x, y)| target.colour(x, y))
-            .collect();
-        let height_at = |x: u32, y: u32| match target.depth(x, y) {
-            0.0 => 0.0,
-            depth => view.height_of_depth(depth.into(), ClipConvention::REVERSED) as f32,
+        let image = if view.options().depth {
+            QuadImage::with_relief(&target, |depth| {
+                view.height_of_depth(depth.into(), ClipConvention::REVERSED) as f32
+            })
+        } else {
+            QuadImage::from_target(&target)
         };
-        let relief = view.options().depth.then(|| {
-            (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| height_at(x, y)).collect()
-        });
-        let image = QuadImage::new(width, height, texels, relief)?;
         self.making += thread_cpu_time() - start;
         Ok(Rc::new(image))
     }

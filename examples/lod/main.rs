@@ -22,6 +22,7 @@ use farsight_geometry::TriangleMesh;
 use farsight_geometry::bvh::Bvh;
 use farsight_geometry::glam::{DAffine3, DQuat, DVec3};
 use farsight_lod::{ApproximationOptions, Approximations, DecisionOptions, Placement, VertexHierarchy};
+use farsight_raster::scenes::{aeroplane, statue};
 use models::Model;
 use std::error::Error;
 use std::path::PathBuf;
@@ -59,7 +60,8 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|e| format!("cannot write to {}: {e}", arguments.out.display()))?;
     let detail = if arguments.quick { 12 } else { 30 };
-    let mut models = vec![models::aeroplane(detail)?, models::statue(detail)?];
+    let model = |name: &str, mesh| Model { name: name.into(), mesh };
+    let mut models = vec![model("aeroplane", aeroplane(detail)?), model("statue", statue(detail)?)];
     for path in &arguments.paths {
         models.push(models::load(path)?);
     }

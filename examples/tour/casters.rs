@@ -54,12 +54,7 @@ impl CasterStore {
     pub fn choose(&mut self, camera: &Camera, along: DVec3, receivers: &[DAabb], px: f64) -> u64 {
         let all = receivers.iter().fold(DAabb::EMPTY, |a, b| a.union(*b));
         let seen = [ReceiverBox { level: 0, corners: all.corners() }];
-        let tolerance = |_: NodeId, b: &DAabb| {
-            // Wherever its shadow falls, it is at least as far from the eye as from here to the shadow's volume. Obliquely, it moves farther than
-            // its caster.
-            let distance = distance_to_sweep(camera.eye(), b, along).max(camera.near());
-            camera.world_error(px, distance) * STEEPNESS
-        };
+        let tolerance = |_: NodeId, b: &DAabb| tolerance(camera, b, along, px);
         let light = CasterLight::Directional(along);
         select_casters(self.store.tree(), light, &seen, tolerance, |_| true, &mut self.chosen);
         self.chosen.triangles
@@ -86,6 +81,13 @@ impl CasterStore {
         }
         Ok(self.chosen.drawn.len())
     }
+}
+
+/// By how much a caster within `b` may be off, in world units, so that its shadow's edge is off by `px` pixels at most.
+pub fn tolerance(camera: &Camera, b: &DAabb, along: DVec3, px: f64) -> f64 {
+    // Wherever its shadow falls, it is at least as far from the eye as from here to the shadow's volume. Obliquely, it moves farther than its caster.
+    let distance = distance_to_sweep(camera.eye(), b, along).max(camera.near());
+    camera.world_error(px, distance) * STEEPNESS
 }
 
 /// Sine of the lowest sun above the ground for which shadows move no farther than their casters' errors, stretched.

@@ -62,7 +62,7 @@ pub fn tour(
     let (mut traversal, mut selection) = (Traversal::new(), Selection::default());
     let mut frames = Vec::with_capacity(count);
     for i in 0..count {
-        let camera = walk.camera(i, count, size[0], size[1])?;
+        let camera = walk.camera_at(Walk::time(i, count), size[0], size[1])?;
         frames.push(frame(&store, &camera, colours, &mut traversal, &mut selection)?);
         let path = folder.join(format!("frame_{i:03}.png"));
         std::fs::write(&path, &frames[i].png).map_err(|e| format!("cannot write {}: {e}", path.display()))?;

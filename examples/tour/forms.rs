@@ -34,6 +34,19 @@ impl Forms {
         Ok(Self { meshes })
     }
 
+    /// The forms of one more mesh.
+    pub fn add(&mut self, mesh: &TriangleMesh) -> Result<(), LodError> {
+        self.meshes.push(MeshForms::build(mesh)?);
+        Ok(())
+    }
+
+    /// The coarsest form of a mesh that is off by `error` at most, in the mesh's own units; `None` for all of it.
+    pub fn within(&self, mesh: u32, error: f64) -> Option<&[[u32; 3]]> {
+        let forms = &self.meshes[mesh as usize];
+        let last = forms.details.iter().rposition(|d| d.error <= error)?;
+        Some(&forms.triangles[last])
+    }
+
     /// What the planner is told of a mesh's forms; errors in the mesh's own units.
     pub fn details(&self, mesh: u32) -> &[Detail] {
         &self.meshes[mesh as usize].details

@@ -1,24 +1,21 @@
 //! One frame: planned, its shadow map where the sun can be seen to matter, then the picture.
 
 use crate::built::Built;
-use crate::casters::CasterStore;
 use crate::cells::Cells;
+use crate::compare::Comparison;
 use crate::cull::Visibility;
 use crate::forms::Forms;
-use crate::planning::{Planning, form};
+use crate::movers::Movers;
+use crate::pictures::{Drawn, Pictures};
+use crate::planning::Planning;
+use crate::sun::{ShadowReport, Stage, Sun};
 use farsight_geometry::bvh::Bvh;
-use farsight_geometry::glam::{DMat4, DVec3};
-use farsight_geometry::scene::Light;
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
-use farsight_plan::{Budget, Choice, Effect, Layout, LightView, Plan, TexelSpread};
-use farsight_raster::thread_cpu_time;
+use farsight_plan::{Budget, Choice, Effect, Layout, ObjectView, Plan};
 use farsight_raster::{
-    Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, Target, mip_maps,
-    relative_from_mesh, render_scene,
+    Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, Target, mip_maps, render_scene, thread_cpu_time,
 };
-use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Skip, Warp};
 use farsight_timing::Millis;
-use std::cell::RefCell;
 use std::error::Error;
 
 /// What a frame took.
@@ -32,146 +29,217 @@ pub struct FrameReport {
     pub counters: Counters,
     /// The sun's map, if one was drawn.
     pub shadow: Option<ShadowReport>,
+    /// Pictures that stood for objects.
+    pub pictures: PictureReport,
+    /// Nodes of the movers' hierarchies that were looked at.
+    pub tests: u64,
     /// Processor time: as told before, and as it was, of all and of its parts.
     pub predicted: Millis,
     pub time: Millis,
     pub culling: Millis,
 }
 
-/// The shadow pass of a frame.
-pub struct ShadowReport {
-    pub view: ShadowView,
-    pub casters_drawn: usize,
+/// Pictures in a frame: made for it, drawn again, and their largest parallax in pixels.
+#[derive(Clone, Copy, Default)]
+pub struct PictureReport {
+    pub made: usize,
+    pub kept: usize,
+    pub parallax: f64,
     pub time: Millis,
 }
 
-/// Pixels that the edge of a shadow may be off since its caster is a coarser form.
-const CASTER_PX: f64 = 1.0;
+/// Share of a frame's time that may go into pictures for frames to come.
+const MAKING: f64 = 0.15;
 
-/// A sun's shadows, as far as they are known before they are decided upon.
-struct Sun {
-    direction: DVec3,
-    /// The best map of the largest side, or why none is needed.
-    fitted: Result<ShadowView, Skip>,
-}
+/// Triangles drawn in place of an object's own; `None` for its own.
+type Shape<'s> = Option<&'s [[u32; 3]]>;
 
 /// Draws frames of a scene, keeping what can be kept from one to the next.
 pub struct Renderer<'a> {
-    scene: &'a Scene,
+    scene: &'a mut Scene,
     forms: &'a Forms,
     cells: &'a Cells,
-    coarse: Option<&'a RefCell<CasterStore>>,
-    bounds: &'a [DAabb],
+    movers: Option<Movers>,
+    pictures: Pictures,
+    bounds: Vec<DAabb>,
+    stretch: Vec<f64>,
     hierarchy: Bvh,
-    visibility: Visibility<'a>,
+    visibility: Visibility,
     planning: Planning<'a>,
     textures: Vec<MipMap>,
     rasteriser: Rasteriser,
-    focus: Focus,
-    previous: Option<ShadowView>,
+    sun: Option<Sun<'a>>,
     receivers: Vec<DAabb>,
-    casters: Vec<u32>,
     options: RenderOptions<'a>,
     map_side: u32,
+    position_px: f64,
+}
+
+/// The scene as the sun sees it, from some of the renderer's fields.
+macro_rules! stage {
+    ($renderer:ident) => {
+        Stage {
+            scene: &*$renderer.scene,
+            hierarchy: &$renderer.hierarchy,
+            bounds: &$renderer.bounds,
+            stretch: &$renderer.stretch,
+            forms: $renderer.forms,
+            first_mover: $renderer.movers.as_ref().map_or(u32::MAX, |m| m.instances().start),
+        }
+    };
 }
 
 impl<'a> Renderer<'a> {
-    /// Prepares a scene for which something was built; `options` must not name shadows, textures or forms.
+    /// Prepares a scene for which something was built; `options` must not name shadows, textures, forms or quads.
     pub fn new(
-        scene: &'a Scene,
+        scene: &'a mut Scene,
         built: &'a Built,
-        bounds: &'a [DAabb],
+        movers: Option<Movers>,
         size: [u32; 2],
         options: RenderOptions<'a>,
         map_side: u32,
         budget: Budget,
     ) -> Result<Self, Box<dyn Error>> {
         let [width, height] = size.map(|side| side * options.supersampling);
-        let sun = matches!(scene.lights().first(), Some(Light::Directional { .. }));
+        let bounds = scene.instance_bounds();
+        let sun = Sun::of(scene, map_side, built.casters.as_ref());
+        let planning =
+            Planning::new(scene, &built.forms, sun.is_some().then_some(map_side), width * height, budget)?;
         Ok(Self {
-            scene,
             forms: &built.forms,
             cells: &built.cells,
-            coarse: built.casters.as_ref(),
+            movers,
+            pictures: Pictures::new(scene, sun.as_ref().map(|s| s.direction), options.supersampling),
+            hierarchy: Bvh::build(&bounds)?,
+            stretch: (0..bounds.len() as u32).map(|o| planning.stretch(o)).collect(),
             bounds,
-            hierarchy: Bvh::build(bounds)?,
-            visibility: Visibility::new(scene, bounds, width, height)?,
-            planning: Planning::new(scene, &built.forms, sun.then_some(map_side), width * height, budget)?,
+            visibility: Visibility::new(scene, width, height)?,
+            planning,
             textures: mip_maps(scene),
             rasteriser: Rasteriser::new(),
-            focus: Focus::new(),
-            previous: None,
+            sun,
             receivers: Vec::new(),
-            casters: Vec::new(),
             options,
             map_side,
+            position_px: budget.tolerances.position_px,
+            scene,
         })
     }
 
-    /// Draws what the plan for this view asks for.
-    pub fn planned(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
+    /// Moves what moves to where it is at a time in seconds.
+    pub fn fly(&mut self, time: f64) -> Result<(), Box<dyn Error>> {
+        let first = self.first_mover();
+        if let Some(movers) = &self.movers {
+            movers.fly(self.scene, time)?;
+            for object in movers.instances() {
+                let instance = &self.scene.instances()[object as usize];
+                let bounds =
+                    self.scene.mesh_of(instance).world_bounds().transformed(&instance.world_from_mesh);
+                self.bounds[object as usize] = bounds;
+                self.hierarchy.set_bounds(object, bounds)?;
+            }
+        }
+        self.pictures.begin(self.scene, first);
+        Ok(())
+    }
+
+    /// Instances from here on move.
+    fn first_mover(&self) -> u32 {
+        self.movers.as_ref().map_or(self.bounds.len() as u32, |m| m.instances().start)
+    }
+
+    /// Draws what the plan for this view asks for; `jumped` where the eye is not on its way from the last frame.
+    pub fn planned(
+        &mut self,
+        camera: &Camera,
+        jumped: bool,
+    ) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = thread_cpu_time();
-        let sun = self.fit(camera)?;
-        let light = sun.as_ref().map(|sun| self.light(sun, camera));
-        let samples = f64::from(self.options.supersampling).powi(2);
-        let cell = self.cells.at(camera.eye());
-        let plan = self.planning.plan(camera, self.bounds, light, cell.map(|c| c.view()), samples)?.clone();
+        let plan = self.plan(camera, jumped)?;
         let predicted = plan.cost + self.planning.constant();
         let choice = |effect| plan.decision(effect).map_or(Choice::Nothing, |d| d.choice);
-        let forms: Vec<Option<&[[u32; 3]]>> = plan
-            .objects()
-            .iter()
-            .zip(self.scene.instances())
-            .map(|(d, instance)| Some(self.forms.triangles(instance.mesh.0, form(&d.choice)?)))
-            .collect();
-
-        let map = match (&sun, choice(Effect::Shadow { light: 0 })) {
-            (Some(Sun { direction, fitted: Ok(view) }), Choice::Map { layout, side, .. }) => {
-                let options = MapOptions::new(side);
-                let warp = if layout == Layout::Uniform { Warp::Uniform } else { options.warp };
-                let view = if side == self.map_side && layout == Layout::Warped {
-                    *view
-                } else {
-                    self.focus.map(&options.with_warp(warp), self.previous.as_ref())
-                };
-                Some(self.draw_map(view, *direction, &forms, self.coarse)?)
+        let map = match choice(Effect::Shadow { light: 0 }) {
+            Choice::Map { layout, side, .. } => {
+                self.draw_map(side, layout != Layout::Uniform, Some(camera))?
             }
             _ => None,
         };
+        let (map, shadow) = map.unzip();
 
-        let occlusion = choice(Effect::Occlusion);
-        let set =
-            cell.filter(|_| matches!(occlusion, Choice::Cells | Choice::CellsAndQueries)).map(|c| &c.set);
-        let wanted = |object: &u32| {
-            plan.objects()[*object as usize].choice != Choice::Nothing
-                && set.is_none_or(|s| s.contains(*object))
-        };
+        let allowed_px = self.position_px * plan.allowed;
+        if let Some(movers) = &mut self.movers {
+            movers.follow(self.pictures.placements(), camera, allowed_px)?;
+        }
+        let fine = self.fine(camera)?;
+        let first_mover = self.first_mover();
+        let Self { scene, forms, cells, movers, pictures, visibility, planning, rasteriser, .. } = self;
+        let shaping = Shaping { scene, forms, movers: movers.as_ref(), seen: planning.seen(), allowed_px };
+        let shapes: Vec<Shape> =
+            plan.objects().iter().zip(0..).map(|(d, o)| shaping.shape(&d.choice, o)).collect();
+
         let before = thread_cpu_time();
+        let occlusion = choice(Effect::Occlusion);
+        let with_sets = matches!(occlusion, Choice::Cells | Choice::CellsAndQueries);
+        let set = cells.at(camera.eye()).filter(|_| with_sets).map(|c| &c.set);
+        // The sets know of nothing that moves.
+        let in_set = |o: u32| o >= first_mover || set.is_none_or(|s| s.contains(o));
+        let wanted = |o: &u32| plan.objects()[*o as usize].choice != Choice::Nothing && in_set(*o);
         let culls = matches!(occlusion, Choice::Queries | Choice::CellsAndQueries);
         let objects: Vec<u32> = if culls {
-            let visible = self.visibility.cull(&self.hierarchy, &self.fine(camera)?, &forms);
-            visible.iter().copied().filter(wanted).collect()
+            visibility.cull(scene, &self.hierarchy, &fine, &shapes).iter().copied().filter(wanted).collect()
         } else {
-            (0..self.bounds.len() as u32).filter(wanted).collect()
+            (0..plan.objects().len() as u32).filter(wanted).collect()
         };
         let culling = Millis::from(thread_cpu_time() - before);
 
-        let total: Millis = plan.objects().iter().map(|d| d.cost).sum();
-        let drawn: Millis = objects.iter().map(|&o| plan.objects()[o as usize].cost).sum();
-        let (target, counters, drawing) = self.draw(camera, map.as_ref().map(|m| &m.0), &objects, &forms)?;
-        let time = Millis::from(thread_cpu_time() - start);
-        let share = if total.0 > 0.0 { drawn / total } else { 1.0 };
-        self.planning.learn(share, drawing, map.as_ref().map(|m| m.1.time))?;
-        if culls {
-            self.planning.learn_culling(total - drawn, culling);
+        let before = thread_cpu_time();
+        let mut look = self.options;
+        look.shadows = map.as_slice();
+        look.textures = &self.textures;
+        let mut drawn: Vec<Drawn> = Vec::new();
+        let mut shapes = shapes;
+        let mut making = Millis::ZERO;
+        for &object in &objects {
+            let Choice::Impostor { error_px } = plan.objects()[object as usize].choice else { continue };
+            let triangles = shaping.picture_of(object);
+            let mut picture = pictures.kept(camera, object, error_px)?;
+            // A few new pictures a frame: no frame is held up for those to come.
+            if picture.is_none() && making < predicted * MAKING {
+                let before = thread_cpu_time();
+                picture = pictures.make(rasteriser, scene, camera, object, triangles, &look)?;
+                making += Millis::from(thread_cpu_time() - before);
+            }
+            match picture {
+                Some(picture) => drawn.push(picture),
+                // It is drawn as its picture would have shown it.
+                None => shapes[object as usize] = Some(triangles),
+            }
         }
-        let in_view = self.planning.seen().iter().filter(|s| s.in_view).count();
+        let quads: Vec<_> = drawn.iter().map(|d| d.quad(camera)).collect();
+        look.quads = &quads;
+        look.only = Some(&objects);
+        look.forms = &shapes;
+        let (target, counters) = render_scene(rasteriser, scene, camera, &look)?;
+        let drawing = Millis::from(thread_cpu_time() - before);
+        pictures.end(camera);
+        let time = Millis::from(thread_cpu_time() - start);
+
+        let total: Millis = plan.objects().iter().map(|d| d.cost).sum();
+        let seen: Millis = objects.iter().map(|&o| plan.objects()[o as usize].cost).sum();
+        let share = if total.0 > 0.0 { seen / total } else { 1.0 };
+        let in_view = planning.seen().iter().filter(|s| s.in_view).count();
+        planning.learn(share, drawing - making, shadow.as_ref().map(|s| s.time))?;
+        if culls {
+            planning.learn_culling(total - seen, culling);
+        }
         let report = FrameReport {
             in_view,
             drawn: objects.len(),
             plan: Some(plan),
             counters,
-            shadow: map.map(|m| m.1),
+            shadow,
+            pictures: PictureReport { time: making, ..pictures.report() },
+            tests: movers.as_ref().map_or(0, |m| m.tests),
             predicted,
             time,
             culling,
@@ -179,23 +247,41 @@ impl<'a> Renderer<'a> {
         Ok((target, report))
     }
 
+    /// Looks at the scene and decides.
+    fn plan(&mut self, camera: &Camera, jumped: bool) -> Result<Plan, Box<dyn Error>> {
+        self.fit(camera)?;
+        let samples = f64::from(self.options.supersampling).powi(2);
+        let all = f64::from(camera.width()) * f64::from(camera.height()) * samples;
+        let stage = stage!(self);
+        let light = self.sun.as_ref().map(|sun| sun.summary(camera, &stage, &self.receivers, all));
+        let seen = self.planning.look(camera, &self.bounds, samples);
+        if !jumped {
+            self.pictures.forecast(self.scene, camera, seen);
+        }
+        let cell = self.cells.at(camera.eye()).map(|c| c.view());
+        Ok(self.planning.plan(all, light, cell, jumped)?.clone())
+    }
+
     /// Draws without a plan: all triangles of everything in view, the largest shadow map.
     pub fn everything(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = thread_cpu_time();
-        let sun = self.fit(camera)?;
-        let map = match &sun {
-            Some(Sun { direction, fitted: Ok(view) }) => Some(self.draw_map(*view, *direction, &[], None)?),
-            _ => None,
-        };
+        self.fit(camera)?;
+        let (map, shadow) = self.draw_map(self.map_side, true, None)?.unzip();
         let mut objects = Vec::with_capacity(self.receivers.len());
         self.hierarchy.frustum(&Frustum::from_camera(camera), |object, _| objects.push(object));
-        let (target, counters, _) = self.draw(camera, map.as_ref().map(|m| &m.0), &objects, &[])?;
+        let mut look = self.options;
+        look.shadows = map.as_slice();
+        look.textures = &self.textures;
+        look.only = Some(&objects);
+        let (target, counters) = render_scene(&mut self.rasteriser, self.scene, camera, &look)?;
         let report = FrameReport {
             in_view: self.receivers.len(),
             drawn: objects.len(),
             plan: None,
             counters,
-            shadow: map.map(|m| m.1),
+            shadow,
+            pictures: PictureReport::default(),
+            tests: 0,
             predicted: Millis::ZERO,
             time: Millis::from(thread_cpu_time() - start),
             culling: Millis::ZERO,
@@ -203,21 +289,10 @@ impl<'a> Renderer<'a> {
         Ok((target, report))
     }
 
-    fn draw(
-        &mut self,
-        camera: &Camera,
-        map: Option<&ShadowMap>,
-        objects: &[u32],
-        forms: &[Option<&[[u32; 3]]>],
-    ) -> Result<(Target, Counters, Millis), Box<dyn Error>> {
-        let before = thread_cpu_time();
-        let mut options: RenderOptions = self.options;
-        options.shadows = map.map_or(&[], std::slice::from_ref);
-        options.textures = &self.textures;
-        options.only = Some(objects);
-        options.forms = forms;
-        let (target, counters) = render_scene(&mut self.rasteriser, self.scene, camera, &options)?;
-        Ok((target, counters, Millis::from(thread_cpu_time() - before)))
+    /// A planned image beside the same without a plan.
+    pub fn compared(&mut self, camera: &Camera, planned: &Target) -> Result<Comparison, Box<dyn Error>> {
+        let (full, report) = self.everything(camera)?;
+        Ok(Comparison::new(planned, &full, report)?)
     }
 
     /// The camera of the samples: hidden is what no sample shows.
@@ -226,87 +301,65 @@ impl<'a> Renderer<'a> {
         Ok(camera.with_image(camera.width() * n, camera.height() * n)?)
     }
 
-    /// Fits a map to what the camera sees, if the first light is a sun.
-    fn fit(&mut self, camera: &Camera) -> Result<Option<Sun>, Box<dyn Error>> {
+    /// Finds what is in view, and fits the sun's map to it.
+    fn fit(&mut self, camera: &Camera) -> Result<(), Box<dyn Error>> {
         self.receivers.clear();
         let seen = Frustum::from_camera(camera);
         self.hierarchy.frustum(&seen, |object, _| self.receivers.push(self.bounds[object as usize]));
-        let Some(&Light::Directional { direction, .. }) = self.scene.lights().first() else {
-            return Ok(None);
-        };
-        let scene_box = self.bounds.iter().fold(DAabb::EMPTY, |b, i| b.union(*i));
-        // Beyond the far side of the scene there is nothing to shade.
-        let farthest =
-            scene_box.corners().iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max);
-        let casters = [scene_box];
-        let scope = Scope::new(camera, farthest * 1.001, &self.receivers, &casters, self.map_side);
-        let fitted = match self.focus.fit(&ShadowLight::directional(direction), &scope)? {
-            Some(skip) => Err(skip),
-            None => {
-                let view = self.focus.map(&MapOptions::new(self.map_side), self.previous.as_ref());
-                self.find_casters(&view);
-                Ok(view)
-            }
-        };
-        Ok(Some(Sun { direction, fitted }))
+        let stage = stage!(self);
+        self.sun.as_mut().map_or(Ok(()), |sun| sun.fit(camera, &stage, &self.receivers))
     }
 
-    fn find_casters(&mut self, view: &ShadowView) {
-        let lit = Frustum::from_matrix(&view.clip_from_relative, view.origin, 0.0);
-        self.casters.clear();
-        self.hierarchy.frustum(&lit, |object, _| self.casters.push(object));
-    }
-
-    /// What the planner is told of the sun.
-    fn light(&self, sun: &Sun, camera: &Camera) -> LightView {
-        let view = match &sun.fitted {
-            Err(skip) => return LightView::skipped(*skip),
-            Ok(view) => view,
-        };
-        let triangles =
-            |&o: &u32| self.scene.mesh_of(&self.scene.instances()[o as usize]).triangles().len() as u64;
-        let full = self.casters.iter().map(triangles).sum::<u64>();
-        let coarse = self
-            .coarse
-            .map(|store| store.borrow_mut().choose(camera, sun.direction, &self.receivers, CASTER_PX));
-        let samples = f64::from(self.options.supersampling).powi(2);
-        LightView {
-            receiver_pixels: f64::from(camera.width()) * f64::from(camera.height()) * samples,
-            caster_triangles: coarse.unwrap_or(full) as f64,
-            caster_draws: self.casters.len() as f64,
-            contribution: 1.0,
-            texels: TexelSpread::of_map(view),
-            penumbra_px: 0.0,
-            unchanged: false,
-        }
-    }
-
+    /// Draws the sun's map, where there is need of one; with casters as coarse as their shadows may be for a camera, or in full.
     fn draw_map(
         &mut self,
-        view: ShadowView,
-        direction: DVec3,
-        forms: &[Option<&[[u32; 3]]>],
-        coarse: Option<&RefCell<CasterStore>>,
-    ) -> Result<(ShadowMap, ShadowReport), Box<dyn Error>> {
-        let before = thread_cpu_time();
-        self.previous = Some(view);
-        let options = ShadowOptions::default();
-        let mut map = ShadowMap::new(view.side, view.clip_from_relative, view.origin, -direction, options)?;
-        if let Some(store) = coarse {
-            let casters_drawn = store.borrow_mut().draw(&mut self.rasteriser, &mut map, view.origin)?;
-            let time = Millis::from(thread_cpu_time() - before);
-            return Ok((map, ShadowReport { view, casters_drawn, time }));
+        side: u32,
+        warped: bool,
+        camera: Option<&Camera>,
+    ) -> Result<Option<(ShadowMap, ShadowReport)>, Box<dyn Error>> {
+        let stage = stage!(self);
+        let Some(sun) = &mut self.sun else { return Ok(None) };
+        let Some(view) = sun.view(side, warped) else { return Ok(None) };
+        Ok(Some(sun.draw(&mut self.rasteriser, view, &stage, camera)?))
+    }
+
+    /// What became of the pictures so far, in words.
+    pub fn pictures_text(&self) -> String {
+        self.pictures.text()
+    }
+}
+
+/// What an object's triangles are chosen from.
+struct Shaping<'s> {
+    scene: &'s Scene,
+    forms: &'s Forms,
+    movers: Option<&'s Movers>,
+    seen: &'s [ObjectView],
+    allowed_px: f64,
+}
+
+impl<'s> Shaping<'s> {
+    /// What is drawn of an object; nothing where a picture stands for it.
+    fn shape(&self, choice: &Choice, object: u32) -> Shape<'s> {
+        match choice {
+            Choice::Impostor { .. } => Some(&[]),
+            Choice::Detail { detail, .. } => {
+                let moving = self.movers.and_then(|m| m.triangles(object));
+                Some(moving.unwrap_or_else(|| self.forms.triangles(self.mesh(object), *detail)))
+            }
+            _ => None,
         }
-        self.find_casters(&view);
-        for &object in &self.casters {
-            let instance = &self.scene.instances()[object as usize];
-            let mesh = self.scene.mesh_of(instance);
-            let relative = DMat4::from(relative_from_mesh(instance, mesh, view.origin));
-            // What is seen casts the shadow of the form that is seen.
-            let triangles = forms.get(object as usize).copied().flatten().unwrap_or(mesh.triangles());
-            map.draw(&mut self.rasteriser, mesh.positions(), triangles, relative);
-        }
-        let time = Millis::from(thread_cpu_time() - before);
-        Ok((map, ShadowReport { view, casters_drawn: self.casters.len(), time }))
+    }
+
+    /// What a picture of an object shows.
+    fn picture_of(&self, object: u32) -> &'s [[u32; 3]] {
+        let error = self.allowed_px / self.seen[object as usize].px_per_unit;
+        let coarse = || self.forms.within(self.mesh(object), error);
+        let whole = || self.scene.meshes()[self.mesh(object) as usize].triangles();
+        self.movers.and_then(|m| m.triangles(object)).or_else(coarse).unwrap_or_else(whole)
+    }
+
+    fn mesh(&self, object: u32) -> u32 {
+        self.scene.instances()[object as usize].mesh.0
     }
 }

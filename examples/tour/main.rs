@@ -19,9 +19,12 @@ mod forms;
 mod frames;
 mod input;
 mod inside;
+mod movers;
 mod page;
+mod pictures;
 mod planning;
 mod report;
+mod sun;
 mod walk;
 
 use built::Built;
@@ -35,10 +38,11 @@ use farsight_timing::Millis;
 use frames::{FrameReport, Renderer};
 use indicatif::{ProgressBar, ProgressStyle};
 use input::Input;
+use movers::Movers;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use walk::Up;
+use walk::{Up, Walk};
 
 #[derive(Parser)]
 #[command(about = "Takes a scene through everything that Farsight does and writes a page about it")]
@@ -63,6 +67,9 @@ struct Options {
     /// Processor time in milliseconds that a frame may take; without, as long as the tolerances ask for.
     #[arg(long, value_parser = positive)]
     limit: Option<f64>,
+    /// Aeroplanes that circle over the scene; without, a dozen over the town and none over loaded scenes.
+    #[arg(long)]
+    movers: Option<u32>,
     /// Runs everything, wanted or not: all objects in view in full, the largest shadow map.
     #[arg(long)]
     no_plan: bool,
@@ -77,6 +84,11 @@ impl Options {
         self.frames.unwrap_or(if self.quick { 3 } else { 12 }).max(1)
     }
 
+    /// Frames of the moment at full rate.
+    fn moment(&self) -> usize {
+        if self.quick { 4 } else { 16 }
+    }
+
     /// Width and height of a frame.
     fn size(&self) -> [u32; 2] {
         let width = self.width.unwrap_or(if self.quick { 480 } else { 1280 }).max(16);
@@ -89,6 +101,10 @@ fn positive(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("{text} is no number"))?;
     if number.is_finite() && number > 0.0 { Ok(number) } else { Err(format!("{text} is not above zero")) }
 }
+
+/// Seconds that the walk lasts, and when the moment at full rate begins, as a share of it.
+const WALK: f64 = 60.0;
+const MOMENT: f64 = 0.8;
 
 /// A frame as the page shows it.
 struct Shown {
@@ -116,7 +132,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         return cloud::tour(&options.paths, up, options.size(), options.count(), folder);
     }
     let spinner = spinner("loading");
-    let input = if options.paths.is_empty() {
+    let mut input = if options.paths.is_empty() {
         input::generate(options.quick)?
     } else {
         input::load(&options.paths, options.up.unwrap_or(Up::Y))?
@@ -127,7 +143,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         eprintln!("warning: {warning}");
     }
 
-    let built = if options.no_plan {
+    let mut built = if options.no_plan {
         Built::nothing(&input)?
     } else {
         let spinner = self::spinner("building");
@@ -135,20 +151,42 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         spinner.finish_and_clear();
         built
     };
-    let frames = walk_through(options, &input, &built)?;
+    let count = options.movers.unwrap_or(if options.paths.is_empty() { 12 } else { 0 });
+    let movers = match count {
+        0 => None,
+        _ => Some(Movers::over(&mut input.scene, &mut built.forms, input.up, count)?),
+    };
+    let told = report::Told::of(&input, report.to_string());
+    let walked = walk_through(options, &mut input, &built, movers)?;
 
-    let page = report::page(&input, &report.to_string(), &built.steps, &frames)?;
+    let frames = &walked.frames;
+    let page = report::page(&told, &built.steps, &walked)?;
     let index = folder.join("index.html");
     std::fs::write(&index, page).map_err(|e| format!("cannot write {}: {e}", index.display()))?;
-    for row in report::frame_table(&frames) {
+    for row in report::frame_table(frames) {
         println!("{}", row.iter().map(|cell| format!("{cell:>11}")).collect::<String>());
     }
     println!("{}", index.display());
     Ok(())
 }
 
+/// Frames along the walk, and a moment of it at full rate.
+struct Walked {
+    frames: Vec<Shown>,
+    moment: Vec<FrameReport>,
+    /// The last frame of the moment.
+    last: Option<Shown>,
+    /// What became of the pictures, in words.
+    pictures: String,
+}
+
 /// Draws all frames and writes them as they come.
-fn walk_through(options: &Options, input: &Input, built: &Built) -> Result<Vec<Shown>, Box<dyn Error>> {
+fn walk_through(
+    options: &Options,
+    input: &mut Input,
+    built: &Built,
+    movers: Option<Movers>,
+) -> Result<Walked, Box<dyn Error>> {
     let (count, [width, height]) = (options.count(), options.size());
     let map_side = if options.quick { 1024 } else { 4096 };
     let mut look = RenderOptions::default();
@@ -159,28 +197,25 @@ fn walk_through(options: &Options, input: &Input, built: &Built) -> Result<Vec<S
         look.headlight = 0.22;
     }
     look.supersampling = if options.quick { 1 } else { 2 };
-    let bounds = input.scene.instance_bounds();
     let tolerances = Tolerances::default().with_position_px(options.tolerance);
     let budget = options
         .limit
         .map_or(Budget::unlimited(tolerances), |limit| Budget::within(Millis(limit), tolerances));
-    let mut renderer = Renderer::new(&input.scene, built, &bounds, [width, height], look, map_side, budget)?;
+    let Input { scene, walk, .. } = input;
+    let mut renderer = Renderer::new(scene, built, movers, [width, height], look, map_side, budget)?;
     let bar = ProgressBar::new(count as u64)
         .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
     bar.set_message("frames");
     let mut frames = Vec::with_capacity(count);
     for i in 0..count {
-        let camera = input.walk.camera(i, count, width, height)?;
+        let time = Walk::time(i, count);
+        let camera = walk.camera_at(time, width, height)?;
+        renderer.fly(time * WALK)?;
         let (target, report) =
-            if options.no_plan { renderer.everything(&camera)? } else { renderer.planned(&camera)? };
+            if options.no_plan { renderer.everything(&camera)? } else { renderer.planned(&camera, false)? };
         // The first frame, one on the way and the last are drawn in full as well.
         let compared = !options.no_plan && [0, count / 2, count - 1].contains(&i);
-        let comparison = if compared {
-            let (full, full_report) = renderer.everything(&camera)?;
-            Some(Comparison::new(&target, &full, full_report)?)
-        } else {
-            None
-        };
+        let comparison = compared.then(|| renderer.compared(&camera, &target)).transpose()?;
         let png = Image::from_colour(&target).to_png()?;
         let path = options.out.join(format!("frame_{i:03}.png"));
         std::fs::write(&path, &png).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
@@ -191,7 +226,33 @@ fn walk_through(options: &Options, input: &Input, built: &Built) -> Result<Vec<S
         bar.inc(1);
     }
     bar.finish();
-    Ok(frames)
+    let (moment, last) =
+        if options.no_plan { (Vec::new(), None) } else { moment(options, walk, &mut renderer)? };
+    Ok(Walked { frames, moment, last, pictures: renderer.pictures_text() })
+}
+
+/// Frames a sixtieth of a second apart, as a user sees them: what was known in one serves in the next. The last one is compared.
+fn moment(
+    options: &Options,
+    walk: &Walk,
+    renderer: &mut Renderer,
+) -> Result<(Vec<FrameReport>, Option<Shown>), Box<dyn Error>> {
+    let (count, [width, height]) = (options.moment(), options.size());
+    let (mut reports, mut last) = (Vec::new(), None);
+    for i in 0..count {
+        let time = MOMENT + i as f64 / (60.0 * WALK);
+        let camera = walk.camera_at(time, width, height)?;
+        renderer.fly(time * WALK)?;
+        let (target, report) = renderer.planned(&camera, i == 0)?;
+        if i + 1 == count {
+            let png = Image::from_colour(&target).to_png()?;
+            std::fs::write(options.out.join("moment.png"), &png)?;
+            last = Some(Shown { png, report, comparison: Some(renderer.compared(&camera, &target)?) });
+        } else {
+            reports.push(report);
+        }
+    }
+    Ok((reports, last))
 }
 
 /// Writes the distance ahead of the eye, in world units; infinite where nothing is.

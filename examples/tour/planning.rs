@@ -1,9 +1,11 @@
 //! What each frame needs: numbers of the scene and the view, a plan, and costs learned from frames.
 
 use crate::forms::Forms;
+use farsight_geometry::glam::DMat3;
+use farsight_geometry::scene::{AlphaMode, Instance};
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
 use farsight_plan::{
-    Budget, CellView, Choice, CostModel, LightSummary, LightView, ObjectSummary, ObjectView, Outputs, Plan,
+    Budget, CellView, CostModel, LightSummary, LightView, ObjectSummary, ObjectView, Outputs, Plan,
     PlanError, Planner, SceneSummary, ViewSummary, Work,
 };
 use farsight_timing::{Features, Heuristic, Millis, Model, Refit, RefitOptions, TimingError};
@@ -55,25 +57,26 @@ impl<'a> Planning<'a> {
         samples: u32,
         budget: Budget,
     ) -> Result<Self, TimingError> {
-        let object = |instance: &farsight_geometry::scene::Instance| {
+        let object = |instance: &Instance| {
             let mesh = scene.mesh_of(instance);
+            let material = instance.material.map(|id| &scene.materials()[id.0 as usize]);
+            let details = forms.details(instance.mesh.0);
             ObjectSummary {
                 draws: 1.0,
                 vertices: mesh.positions().len() as f64,
                 triangles: mesh.triangles().len() as f64,
-                details: forms.details(instance.mesh.0),
-                impostor: false,
+                details,
+                // Small meshes are no dearer than their pictures, and glass would need what is behind it.
+                impostor: !details.is_empty() && material.is_none_or(|m| m.alpha == AlphaMode::Opaque),
             }
         };
-        let stretch = |instance: &farsight_geometry::scene::Instance| {
+        let stretch = |instance: &Instance| {
             // The Frobenius norm is never below the largest stretch.
             let m = instance.world_from_mesh.matrix3;
-            let square = |m: farsight_geometry::glam::DMat3| {
-                m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()
-            };
+            let square =
+                |m: DMat3| m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared();
             let alike = m.x_axis.length();
-            let rigid =
-                m.transpose() * m * (1.0 / (alike * alike)) - farsight_geometry::glam::DMat3::IDENTITY;
+            let rigid = m.transpose() * m * (1.0 / (alike * alike)) - DMat3::IDENTITY;
             if square(rigid) < 1e-18 { alike * (1.0 + 1e-9) } else { square(m).sqrt() }
         };
         // Rough costs of software rendering; frames put them right. Nearly every sample is shaded once, whatever is in view.
@@ -96,16 +99,8 @@ impl<'a> Planning<'a> {
         })
     }
 
-    /// Plans what `camera` sees of objects within `bounds`; `light` is what is known of the sun, `cell` of the eye's surroundings. Every pixel has
-    /// `samples` samples.
-    pub fn plan(
-        &mut self,
-        camera: &Camera,
-        bounds: &[DAabb],
-        light: Option<LightView>,
-        cell: Option<CellView>,
-        samples: f64,
-    ) -> Result<&Plan, PlanError> {
+    /// Sees what `camera` has in view of objects within `bounds`. Every pixel has `samples` samples.
+    pub fn look(&mut self, camera: &Camera, bounds: &[DAabb], samples: f64) -> &mut [ObjectView] {
         let frustum = Frustum::from_camera(camera);
         self.seen.clear();
         self.seen.extend(bounds.iter().zip(&self.stretch).map(|(b, stretch)| {
@@ -114,22 +109,39 @@ impl<'a> Planning<'a> {
             seen.pixels *= samples;
             seen
         }));
+        &mut self.seen
+    }
+
+    /// Plans for what was seen in an image of so many samples; `light` is what is known of the sun, `cell` of the eye's surroundings, and `jumped` tells whether
+    /// the eye is where it was not on its way to.
+    pub fn plan(
+        &mut self,
+        samples: f64,
+        light: Option<LightView>,
+        cell: Option<CellView>,
+        jumped: bool,
+    ) -> Result<&Plan, PlanError> {
         let scene = SceneSummary { objects: &self.objects, lights: &self.lights, clouds: &[] };
         let lights: &[LightView] = if let Some(light) = &light { std::slice::from_ref(light) } else { &[] };
         let view = ViewSummary {
-            pixels: f64::from(camera.width()) * f64::from(camera.height()) * samples,
+            pixels: samples,
             outputs: Outputs { colour: true, depth: true },
             objects: &self.seen,
             lights,
             clouds: &[],
             cell,
-            jumped: false,
+            jumped,
         };
         // What a frame takes whatever is in it is not to be had.
         let constant = self.costs.image.constant();
         let mut budget = self.budget;
         budget.limit = budget.limit.map(|l| (l - constant).max(Millis::ZERO));
         self.planner.plan(&scene, &view, &budget, &self.costs)
+    }
+
+    /// By how much an object's placement stretches its mesh at most.
+    pub fn stretch(&self, object: u32) -> f64 {
+        self.stretch[object as usize]
     }
 
     /// The objects as the last view had them.
@@ -156,9 +168,4 @@ impl<'a> Planning<'a> {
     pub fn learn_culling(&mut self, saved: Millis, spent: Millis) {
         self.planner.state_mut().observe_culling(saved, spent);
     }
-}
-
-/// The form that a choice draws, as a number of the object's forms; `None` for all of it.
-pub fn form(choice: &Choice) -> Option<u32> {
-    if let Choice::Detail { detail, .. } = choice { Some(*detail) } else { None }
 }

@@ -1,38 +1,50 @@
 //! The page about a walk through a scene.
 
-use crate::Shown;
 use crate::frames::FrameReport;
 use crate::input::Input;
 use crate::page::Page;
+use crate::{Shown, Walked};
 use farsight_plan::{Choice, Class, Decision, Effect};
 use std::error::Error;
 use std::time::Duration;
 
-/// The page of a walk through a scene.
-pub fn page(
-    input: &Input,
-    report: &str,
-    built: &[(String, Duration)],
-    frames: &[Shown],
-) -> Result<String, Box<dyn Error>> {
-    let scene = &input.scene;
-    let mut page = Page::new(&format!("A tour of {}", input.title), report);
-    page.heading("The scene");
-    let size = scene.bounds().extent();
-    page.table(&[
-        ["triangles placed", "triangles stored", "instances", "lights", "size", "memory"]
-            .map(String::from)
-            .to_vec(),
-        vec![
+/// What is told of the scene itself.
+pub struct Told {
+    title: String,
+    report: String,
+    facts: Vec<String>,
+    warnings: Vec<String>,
+}
+
+impl Told {
+    /// Of an input, whose meshes were found to have the defects of a report.
+    pub fn of(input: &Input, report: String) -> Self {
+        let scene = &input.scene;
+        let size = scene.bounds().extent();
+        let facts = vec![
             scene.placed_triangles().to_string(),
             scene.stored_triangles().to_string(),
             scene.instances().len().to_string(),
             scene.lights().len().to_string(),
             [size.x, size.y, size.z].map(short).join(" × "),
             format!("{:.1} MB", scene.bytes() as f64 * 1e-6),
-        ],
+        ];
+        Self { title: input.title.clone(), report, facts, warnings: input.warnings.clone() }
+    }
+}
+
+/// The page of a walk through a scene.
+pub fn page(told: &Told, built: &[(String, Duration)], walked: &Walked) -> Result<String, Box<dyn Error>> {
+    let frames = &walked.frames;
+    let mut page = Page::new(&format!("A tour of {}", told.title), &told.report);
+    page.heading("The scene");
+    page.table(&[
+        ["triangles placed", "triangles stored", "instances", "lights", "size", "memory"]
+            .map(String::from)
+            .to_vec(),
+        told.facts.clone(),
     ]);
-    input.warnings.iter().for_each(|w| page.paragraph(w));
+    told.warnings.iter().for_each(|w| page.paragraph(w));
     page.heading("Frames");
     let captions = frames.iter().enumerate().map(|(i, shown)| (shown.png.clone(), caption(i, &shown.report)));
     page.pictures(&captions.collect::<Vec<_>>());
@@ -69,7 +81,62 @@ pub fn page(
     if !built.is_empty() {
         decisions(&mut page, built, frames);
     }
+    moment(&mut page, walked);
     Ok(page.finish())
+}
+
+/// A few frames as fast as a user would see them.
+fn moment(page: &mut Page, walked: &Walked) {
+    let Some(last) = &walked.last else { return };
+    page.heading("A moment at full rate");
+    page.paragraph(&format!(
+        "Frames a sixtieth of a second apart. A picture of an object serves again while it is off by no more than the tolerance, and the cuts of what moves are \
+         looked at only where the eye's way since may have changed them. In all {}.",
+        walked.pictures
+    ));
+    page.table(&moment_table(walked.moment.iter().chain([&last.report])));
+    let changed = last.comparison.as_ref().map_or(0.0, |c| 100.0 * c.changed);
+    let mut pictures = vec![(last.png.clone(), "The last of these frames".to_string())];
+    if let Some(c) = &last.comparison {
+        let text =
+            format!("Four times its difference to everything in full; {changed:.2} % of the pixels changed");
+        pictures.push((c.difference.clone(), text));
+    }
+    page.pictures(&pictures);
+    if let Some(plan) = &last.report.plan {
+        page.details("The plan of this frame, with its reasons", &plan.to_string());
+    }
+}
+
+fn moment_table<'a>(frames: impl Iterator<Item = &'a FrameReport>) -> Vec<Vec<String>> {
+    let head = [
+        "frame",
+        "pictures made",
+        "drawn again",
+        "parallax px",
+        "ms for them",
+        "nodes looked at",
+        "triangles",
+        "culling ms",
+        "foretold",
+        "ms",
+    ];
+    let row = |(i, f): (usize, &FrameReport)| {
+        [
+            i.to_string(),
+            f.pictures.made.to_string(),
+            f.pictures.kept.to_string(),
+            format!("{:.2}", f.pictures.parallax),
+            format!("{:.1}", f.pictures.time.0),
+            f.tests.to_string(),
+            f.counters.triangles.to_string(),
+            format!("{:.1}", f.culling.0),
+            format!("{:.0}", f.predicted.0),
+            format!("{:.0}", f.time.0),
+        ]
+        .to_vec()
+    };
+    std::iter::once(head.map(String::from).to_vec()).chain(frames.enumerate().map(row)).collect()
 }
 
 /// What was decided, why, and what that saved.
@@ -100,7 +167,17 @@ fn decisions(page: &mut Page, built: &[(String, Duration)], frames: &[Shown]) {
 
 /// Objects by what was decided, and the shadow, frame by frame.
 fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
-    let head = ["frame", "out of view", "too small", "coarser", "in full", "hidden", "occlusion", "shadow"];
+    let head = [
+        "frame",
+        "out of view",
+        "too small",
+        "coarser",
+        "pictures",
+        "in full",
+        "hidden",
+        "occlusion",
+        "shadow",
+    ];
     let mut rows = vec![head.map(String::from).to_vec()];
     for (i, plan) in frames.iter().enumerate().filter_map(|(i, f)| Some((i, f.report.plan.as_ref()?))) {
         let count = |is: fn(&Decision) -> bool| plan.objects().iter().filter(|d| is(d)).count();
@@ -110,13 +187,15 @@ fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
         };
         let (coarser, full) =
             (count(|d| matches!(d.choice, Choice::Detail { .. })), count(|d| d.choice == Choice::Full));
+        let pictures = count(|d| matches!(d.choice, Choice::Impostor { .. }));
         let cells = [
             i.to_string(),
             count(|d| d.because.class == Class::Void).to_string(),
             count(|d| d.choice == Choice::Nothing && d.because.class != Class::Void).to_string(),
             coarser.to_string(),
+            pictures.to_string(),
             full.to_string(),
-            (coarser + full).saturating_sub(frames[i].report.drawn).to_string(),
+            (coarser + pictures + full).saturating_sub(frames[i].report.drawn).to_string(),
             chosen(Effect::Occlusion),
             chosen(Effect::Shadow { light: 0 }),
         ];
@@ -131,6 +210,8 @@ fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "frame",
         "triangles",
         "everything",
+        "casters' triangles",
+        "everything",
         "map side",
         "everything",
         "ms",
@@ -143,11 +224,14 @@ fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
     for (i, shown) in frames.iter().enumerate() {
         let Some(c) = &shown.comparison else { continue };
         let (planned, full) = (&shown.report, &c.full);
+        let cast = |f: &FrameReport| f.shadow.as_ref().map_or("-".into(), |s| s.triangles.to_string());
         let side = |f: &FrameReport| f.shadow.as_ref().map_or("-".into(), |s| s.view.side.to_string());
         let cells = [
             i.to_string(),
             planned.counters.triangles.to_string(),
             full.counters.triangles.to_string(),
+            cast(planned),
+            cast(full),
             side(planned),
             side(full),
             format!("{:.0}", planned.time.0),

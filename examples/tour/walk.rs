@@ -24,7 +24,7 @@ impl Up {
     }
 
     /// Two horizontal axes that complete a right-handed frame.
-    fn ground(self) -> (DVec3, DVec3) {
+    pub fn ground(self) -> (DVec3, DVec3) {
         match self {
             Up::Y => (DVec3::Z, DVec3::X),
             Up::Z => (DVec3::X, DVec3::Y),
@@ -69,17 +69,13 @@ impl Walk {
         times.filter_map(|t| self.camera_at(t, 16, 9).ok()).map(|c| c.eye()).collect()
     }
 
-    /// Time along the walk, from 0 to 1.
-    fn time(i: usize, n: usize) -> f64 {
+    /// Time along the walk, from 0 to 1, of frame `i` of `n`.
+    pub fn time(i: usize, n: usize) -> f64 {
         if n > 1 { i as f64 / (n - 1) as f64 } else { 0.0 }
     }
 
-    /// The camera of frame `i` of `n`.
-    pub fn camera(&self, i: usize, n: usize, width: u32, height: u32) -> Result<Camera, CameraError> {
-        self.camera_at(Self::time(i, n), width, height)
-    }
-
-    fn camera_at(&self, t: f64, width: u32, height: u32) -> Result<Camera, CameraError> {
+    /// The camera at a time along the walk.
+    pub fn camera_at(&self, t: f64, width: u32, height: u32) -> Result<Camera, CameraError> {
         let (eye, target, up, scale) = match self {
             Walk::Town { street, rise } => {
                 let (eye, target) =

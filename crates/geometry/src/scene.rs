@@ -175,14 +175,14 @@ pub enum Light {
     },
 }
 
-/// Why something could not be added to a scene.
+/// Why something could not be added to a scene or moved in it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
     /// An id leads nowhere.
     #[error("there is no {what} {index}; the scene has {count}")]
     NoSuch {
-        /// "mesh", "material" or "texture".
+        /// "mesh", "material", "texture" or "instance".
         what: &'static str,
         /// The index asked for.
         index: u32,
@@ -277,15 +277,21 @@ impl Scene {
         if let Some(MaterialId(index)) = instance.material {
             exists("material", index, self.materials.len())?;
         }
-        if !instance.world_from_mesh.is_finite() {
-            return Err(SceneError::Value {
-                what: "instance",
-                name: instance.name,
-                field: "world_from_mesh",
-            });
-        }
+        is_placement(&instance.name, &instance.world_from_mesh)?;
         self.instances.push(instance);
         Ok(self.instances.len() as u32 - 1)
+    }
+
+    /// Moves an instance.
+    ///
+    /// # Errors
+    /// When there is no such instance or the placement is not finite; it then stays where it was.
+    pub fn place(&mut self, instance: u32, world_from_mesh: DAffine3) -> Result<(), SceneError> {
+        exists("instance", instance, self.instances.len())?;
+        let placed = &mut self.instances[instance as usize];
+        is_placement(&placed.name, &world_from_mesh)?;
+        placed.world_from_mesh = world_from_mesh;
+        Ok(())
     }
 
     /// Adds a light.
@@ -418,6 +424,12 @@ impl Scene {
     }
 }
 
+/// Refuses a placement with numbers that are none.
+fn is_placement(name: &str, world_from_mesh: &DAffine3) -> Result<(), SceneError> {
+    let bad = || SceneError::Value { what: "instance", name: name.into(), field: "world_from_mesh" };
+    if world_from_mesh.is_finite() { Ok(()) } else { Err(bad()) }
+}
+
 fn exists(what: &'static str, index: u32, count: usize) -> Result<(), SceneError> {
     if (index as usize) < count { Ok(()) } else { Err(SceneError::NoSuch { what, index, count }) }
 }
@@ -482,6 +494,20 @@ mod tests {
         assert_eq!((scene.stored_triangles(), scene.placed_triangles()), (1, 2));
         assert!(scene.bounds().contains(DVec3::new(11.0, 0.0, 0.0)));
         assert!(Scene::new().bounds().is_empty());
+    }
+
+    #[test]
+    fn instances_move_and_refuse_what_is_no_placement() {
+        let mut scene = Scene::of_mesh(triangle());
+        scene.place(0, DAffine3::from_translation(DVec3::X * 5.0)).unwrap();
+        assert_eq!(scene.bounds().min.x, 5.0);
+        let nowhere = DAffine3::from_translation(DVec3::NAN);
+        assert!(matches!(scene.place(0, nowhere), Err(SceneError::Value { field: "world_from_mesh", .. })));
+        assert!(matches!(
+            scene.place(1, DAffine3::IDENTITY),
+            Err(SceneError::NoSuch { what: "instance", index: 1, .. })
+        ));
+        assert_eq!(scene.bounds().min.x, 5.0);
     }
 
     #[test]

@@ -67,7 +67,7 @@ pub use point::{MAX_SPLAT_PX, PointDraw, Splat};
 pub use quad::{QuadDraw, QuadImage};
 pub use query::{Answer, OcclusionQueries, QueryId};
 pub use random::Random;
-pub use render::{RenderOptions, SceneIds, mip_maps, relative_from_mesh, render_scene};
+pub use render::{RenderOptions, SceneIds, mip_maps, relative_from_mesh, render_picture, render_scene};
 pub use shade::Lighting;
 pub use shadow_map::{ShadowMap, ShadowOptions};
 pub use target::{MAX_SIDE, Outputs, Target};

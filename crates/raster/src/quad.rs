@@ -43,6 +43,18 @@ impl QuadImage {
         Self { width: target.width() as usize, height: target.height() as usize, texels, relief: None }
     }
 
+    /// As [`from_target`](Self::from_target), with relief: `height` above the quad, in local units, by the target's depth.
+    ///
+    /// # Panics
+    /// Without a colour or a depth buffer.
+    pub fn with_relief(target: &Target, height: impl Fn(f32) -> f32) -> Self {
+        assert!(target.outputs().depth, "the target has no depth");
+        // Where nothing was drawn there is no height.
+        let height_at = |&depth: &f32| if depth == 0.0 { 0.0 } else { height(depth) };
+        let relief = target.depth_rows().flatten().map(height_at).collect();
+        Self { relief: Some(relief), ..Self::from_target(target) }
+    }
+
     /// Bilinear colour; beyond the border there is nothing.
     fn sample(&self, uv: Vec2) -> Vec4 {
         let p = uv * Vec2::new(self.width as f32, self.height as f32) - 0.5;

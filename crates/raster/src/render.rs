@@ -2,6 +2,7 @@
 
 use crate::counters::Counters;
 use crate::draw::{Blend, Draw, Fragment, Ids, PixelShader, Rasteriser, State};
+use crate::quad::QuadDraw;
 use crate::shade::Lighting;
 use crate::shadow_map::ShadowMap;
 use crate::texture::MipMap;
@@ -48,6 +49,8 @@ pub struct RenderOptions<'a> {
     pub only: Option<&'a [u32]>,
     /// Triangles to draw in place of an instance's own, over the same vertices; instances beyond the list's end are drawn as they are.
     pub forms: &'a [Option<&'a [[u32; 3]]>],
+    /// Pictures among the instances, drawn after the opaque ones; their matrix is that of the camera.
+    pub quads: &'a [QuadDraw<'a>],
     /// Mip-mapped textures of the scene, from [`mip_maps`]; empty to make them on the fly.
     pub textures: &'a [MipMap],
 }
@@ -68,6 +71,7 @@ impl Default for RenderOptions<'_> {
             shadows: &[],
             only: None,
             forms: &[],
+            quads: &[],
             textures: &[],
         }
     }
@@ -120,17 +124,6 @@ fn render_into(
     options: &RenderOptions,
 ) -> Counters {
     let before = std::mem::take(&mut rasteriser.counters);
-    let own_textures;
-    let textures = if options.textures.is_empty() && options.outputs.colour {
-        own_textures = mip_maps(scene);
-        &own_textures[..]
-    } else {
-        options.textures
-    };
-    let shadows: Vec<ShadowMap> = options.shadows.iter().map(|s| s.relative_to(camera.eye())).collect();
-    let up = options.up.as_vec3();
-    let lighting = Lighting::new(scene.lights(), &shadows, options.ambient, up, camera.eye())
-        .with_headlight(options.headlight);
     let frustum = Frustum::from_camera(camera);
     let bounds = scene.instance_bounds();
     let candidates: Box<dyn Iterator<Item = usize>> = match options.only {
@@ -145,17 +138,71 @@ fn render_into(
     let first_ids = first_ids(scene, options.ids);
     let clip_from_relative = camera.clip_from_relative_f64(ClipConvention::REVERSED, camera.eye());
     let is_blended = |i: usize| material_of(scene, i).alpha == AlphaMode::Blend;
-    let opaque = order.iter().filter(|o| !is_blended(o.1));
-    let blended = order.iter().rev().filter(|o| is_blended(o.1));
-    for &(_, i) in opaque.chain(blended) {
-        let view = View { scene, textures, lighting: &lighting, options, clip_from_relative, camera };
-        view.draw_instance(rasteriser, target, i, first_ids[i]);
-    }
+    with_view(scene, options, camera.eye(), clip_from_relative, |view| {
+        for &(_, i) in order.iter().filter(|o| !is_blended(o.1)) {
+            view.draw_instance(rasteriser, target, i, first_ids[i]);
+        }
+        for quad in options.quads {
+            rasteriser.draw_quad(target, quad);
+        }
+        for &(_, i) in order.iter().rev().filter(|o| is_blended(o.1)) {
+            view.draw_instance(rasteriser, target, i, first_ids[i]);
+        }
+    });
     let mut counters = std::mem::replace(&mut rasteriser.counters, before);
     counters.instances += bounds.len() as u64;
     counters.instances_drawn += order.len() as u64;
     rasteriser.counters += counters;
     counters
+}
+
+/// Draws an instance by itself, over transparent black, with any matrix from coordinates relative to `eye`: a picture that may stand for it.
+///
+/// `triangles` are over the vertices of its mesh. It is lit as [`render_scene`] would light it for an eye there; of the options, supersampling, sky, ids,
+/// `only`, `forms` and `quads` do not count.
+///
+/// # Errors
+/// [`RasterError::TargetSize`].
+///
+/// # Panics
+/// When there is no such instance, or an index of `triangles` leads nowhere.
+pub fn render_picture(
+    rasteriser: &mut Rasteriser,
+    scene: &Scene,
+    instance: u32,
+    triangles: &[[u32; 3]],
+    eye: DVec3,
+    clip_from_relative: DMat4,
+    size: [u32; 2],
+    options: &RenderOptions,
+) -> Result<Target, RasterError> {
+    let mut target = Target::new(size[0], size[1], options.outputs)?;
+    with_view(scene, options, eye, clip_from_relative, |view| {
+        view.draw_form(rasteriser, &mut target, instance as usize, triangles, 1);
+    });
+    Ok(target)
+}
+
+/// Gets ready what does not change from instance to instance.
+fn with_view(
+    scene: &Scene,
+    options: &RenderOptions,
+    eye: DVec3,
+    clip_from_relative: DMat4,
+    draw: impl FnOnce(&View),
+) {
+    let own_textures;
+    let textures = if options.textures.is_empty() && options.outputs.colour {
+        own_textures = mip_maps(scene);
+        &own_textures[..]
+    } else {
+        options.textures
+    };
+    let shadows: Vec<ShadowMap> = options.shadows.iter().map(|s| s.relative_to(eye)).collect();
+    let up = options.up.as_vec3();
+    let lighting =
+        Lighting::new(scene.lights(), &shadows, options.ambient, up, eye).with_headlight(options.headlight);
+    draw(&View { scene, textures, lighting: &lighting, options, clip_from_relative, eye });
 }
 
 fn first_ids(scene: &Scene, ids: SceneIds) -> Vec<u32> {
@@ -184,15 +231,28 @@ struct View<'a> {
     lighting: &'a Lighting<'a>,
     options: &'a RenderOptions<'a>,
     clip_from_relative: DMat4,
-    camera: &'a Camera,
+    eye: DVec3,
 }
 
 impl View<'_> {
     fn draw_instance(&self, rasteriser: &mut Rasteriser, target: &mut Target, i: usize, first_id: u32) {
+        let own = || self.scene.mesh_of(&self.scene.instances()[i]).triangles();
+        let triangles = self.options.forms.get(i).copied().flatten().unwrap_or_else(own);
+        self.draw_form(rasteriser, target, i, triangles, first_id);
+    }
+
+    fn draw_form(
+        &self,
+        rasteriser: &mut Rasteriser,
+        target: &mut Target,
+        i: usize,
+        triangles: &[[u32; 3]],
+        first_id: u32,
+    ) {
         let instance = &self.scene.instances()[i];
         let mesh = self.scene.mesh_of(instance);
         let material = material_of(self.scene, i);
-        let relative = relative_from_mesh(instance, mesh, self.camera.eye());
+        let relative = relative_from_mesh(instance, mesh, self.eye);
         let mirrored = relative.matrix3.determinant() < 0.0;
         let cull = match (material.two_sided, mirrored) {
             (true, _) => Cull::None,
@@ -206,7 +266,6 @@ impl View<'_> {
         let blend = if material.alpha == AlphaMode::Blend { Blend::Over } else { Blend::Replace };
         let state = State { cull, ids, blend, depth_write: blend == Blend::Replace, ..State::default() };
         let clip_from_local = self.clip_from_relative * DMat4::from(relative);
-        let triangles = self.options.forms.get(i).copied().flatten().unwrap_or(mesh.triangles());
         let draw = Draw { positions: mesh.positions(), triangles, clip_from_local, state };
         let masked = matches!(material.alpha, AlphaMode::Mask { .. });
         if self.options.outputs.colour || masked {

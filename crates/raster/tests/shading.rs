@@ -1,10 +1,11 @@
 //! Light and shadow against closed forms and ray casting.
 
 use farsight_geometry::scene::{Instance, Light, Texture};
-use farsight_geometry::{Camera, Hit, Ray, RayCaster, Scene, TriangleMesh};
+use farsight_geometry::{Camera, ClipConvention, Hit, Ray, RayCaster, Scene, TriangleMesh};
+use farsight_raster::scenes::statue;
 use farsight_raster::{
-    Image, MipMap, Outputs, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, irradiance_from, linear_of,
-    render_scene, srgb_byte,
+    Image, MipMap, Outputs, QuadDraw, QuadImage, Rasteriser, RenderOptions, ShadowMap, ShadowOptions, State,
+    irradiance_from, linear_of, render_picture, render_scene, srgb_byte,
 };
 use glam::{DAffine3, DVec2, DVec3, Vec2, Vec3};
 
@@ -304,6 +305,58 @@ fn exr_files_hold_every_buffer() {
             other => panic!("{other:?}"),
         }
     }
+}
+
+/// A picture of an object, drawn as a quad where the object is, looks like the object, is hidden by what is before it and hides what is behind.
+#[test]
+fn a_picture_stands_for_its_object() {
+    let mut scene = Scene::new();
+    add(&mut scene, statue(12).unwrap());
+    add(&mut scene, quad(Vec3::new(-9.0, -9.0, 0.0), Vec3::X * 18.0, Vec3::Y * 18.0));
+    add(&mut scene, quad(Vec3::new(1.5, 0.3, 0.0), Vec3::Y * 0.8, Vec3::Z * 3.0));
+    let direction = DVec3::new(-0.4, 0.5, -0.7).normalize();
+    let light = Light::Directional { direction, irradiance: Vec3::splat(2.0), angular_radius: 0.0 };
+    scene.add_light(light).unwrap();
+    let size = [300, 240];
+    let middle = DVec3::new(0.0, 0.0, 1.6);
+    let camera = Camera::look_at(DVec3::new(5.0, 1.0, 2.5), middle, DVec3::Z)
+        .and_then(|c| c.with_image(size[0], size[1]))
+        .unwrap();
+    let (eye, clip) = (camera.eye(), camera.clip_from_relative_f64(ClipConvention::REVERSED, camera.eye()));
+    let mut rasteriser = Rasteriser::new();
+    let mut options = RenderOptions::default();
+    options.outputs = Outputs { colour: true, depth: true, id: false };
+    let (whole, _) = render_scene(&mut rasteriser, &scene, &camera, &options).unwrap();
+
+    // The picture has the samples of the image: its quad is all that is seen at the statue's distance.
+    let triangles = scene.meshes()[0].triangles();
+    let picture = render_picture(&mut rasteriser, &scene, 0, triangles, eye, clip, size, &options).unwrap();
+    let away = eye.distance(middle);
+    // Depth is the near plane's distance over the distance ahead.
+    let image = QuadImage::with_relief(&picture, |depth| (away - camera.near() / f64::from(depth)) as f32);
+    let corner = |x: u32, y: u32| {
+        let ray = camera.ray(DVec2::new(f64::from(x), f64::from(y))).direction();
+        (ray * (away / ray.dot(camera.forward()))).as_vec3()
+    };
+    let quads = [QuadDraw {
+        corners: [corner(0, 0), corner(size[0], 0), corner(0, size[1])],
+        image: &image,
+        cutoff: 0.5,
+        clip_from_local: clip,
+        state: State::default(),
+    }];
+    options.only = Some(&[1, 2]);
+    let (without, _) = render_scene(&mut rasteriser, &scene, &camera, &options).unwrap();
+    options.quads = &quads;
+    let (pictured, _) = render_scene(&mut rasteriser, &scene, &camera, &options).unwrap();
+    let [whole, pictured, without] = [&whole, &pictured, &without].map(Image::from_colour);
+    let changed = |other: &Image| {
+        let difference = other.compare(&whole).unwrap();
+        difference.pixels.iter().filter(|d| d.iter().any(|&step| step > 8)).count()
+    };
+    let (all, left) = (changed(&without), changed(&pictured));
+    // Where statue and ground or wall meet, depth is that of the nearest texel.
+    assert!(all > 2000 && left * 50 < all, "{left} of {all} pixels");
 }
 
 #[test]
