@@ -168,7 +168,10 @@ impl<'a> Renderer<'a> {
 
         let allowed_px = self.position_px * plan.allowed;
         if let Some(movers) = &mut self.movers {
-            movers.follow(self.pictures.placements(), camera, allowed_px)?;
+            let coarser = |o: u32| {
+                matches!(plan.objects()[o as usize].choice, Choice::Detail { .. } | Choice::Impostor { .. })
+            };
+            movers.follow(self.pictures.placements(), camera, allowed_px, coarser)?;
         }
         let fine = self.fine(camera)?;
         let first_mover = self.first_mover();
@@ -253,7 +256,7 @@ impl<'a> Renderer<'a> {
         let samples = f64::from(self.options.supersampling).powi(2);
         let all = f64::from(camera.width()) * f64::from(camera.height()) * samples;
         let stage = stage!(self);
-        let light = self.sun.as_ref().map(|sun| sun.summary(camera, &stage, &self.receivers, all));
+        let light = self.sun.as_mut().map(|sun| sun.summary(camera, &stage, &self.receivers, all));
         let seen = self.planning.look(camera, &self.bounds, samples);
         if !jumped {
             self.pictures.forecast(self.scene, camera, seen);

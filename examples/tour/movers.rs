@@ -12,7 +12,7 @@ use std::error::Error;
 use std::f64::consts::TAU;
 
 /// Squares around an aeroplane's fuselage: 13 n² triangles.
-const FINENESS: u32 = 40;
+const FINENESS: u32 = 24;
 /// Length of the model in its own units, and of an aeroplane as a share of the scene's width.
 const LENGTH: f64 = 9.0;
 const SHARE: f64 = 0.028;
@@ -76,17 +76,18 @@ impl Movers {
         self.flights.iter().zip(self.first..).try_for_each(|(flight, i)| scene.place(i, flight.at(time)))
     }
 
-    /// Brings the cuts up to date for an eye, each within `px` pixels of its mesh.
+    /// Brings the cuts of those that are `wanted` up to date for an eye, each within `px` pixels of its mesh.
     pub fn follow(
         &mut self,
         placements: &[Option<Placement>],
         camera: &Camera,
         px: f64,
+        wanted: impl Fn(u32) -> bool,
     ) -> Result<(), LodError> {
         let tolerance = Tolerance::pixels(px, camera)?;
         self.tests = 0;
-        for (cut, placement) in self.cuts.iter_mut().zip(&placements[self.first as usize..]) {
-            let Some(placement) = placement else { return Err(LodError::Placement) };
+        for (cut, object) in self.cuts.iter_mut().zip(self.first..).filter(|(_, object)| wanted(*object)) {
+            let placement = placements[object as usize].ok_or(LodError::Placement)?;
             let observer = placement.observer(camera.eye())?;
             let stats = cut.update_kinetic(&self.hierarchy, &observer, &tolerance)?;
             self.tests += stats.tested;

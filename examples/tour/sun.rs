@@ -35,6 +35,8 @@ pub struct Sun<'a> {
     /// The best map of the largest side for this frame, or why none is needed.
     fitted: Result<ShadowView, Skip>,
     casters: Vec<u32>,
+    /// Whether the hierarchy has fewer triangles to draw than the objects' own forms.
+    hierarchical: bool,
 }
 
 /// The scene as a frame has it.
@@ -55,7 +57,8 @@ impl<'a> Sun<'a> {
         let Some(&Light::Directional { direction, .. }) = scene.lights().first() else { return None };
         let (focus, casters) = (Focus::new(), Vec::new());
         let fitted = Err(Skip::NothingSeen);
-        Some(Self { direction, coarse, map_side, focus, previous: None, fitted, casters })
+        let (previous, hierarchical) = (None, false);
+        Some(Self { direction, coarse, map_side, focus, previous, fitted, casters, hierarchical })
     }
 
     /// Fits a map to what the camera sees, the receivers.
@@ -104,23 +107,32 @@ impl<'a> Sun<'a> {
     }
 
     /// What the planner is told, for an image of so many samples.
-    pub fn summary(&self, camera: &Camera, stage: &Stage, receivers: &[DAabb], samples: f64) -> LightView {
+    pub fn summary(
+        &mut self,
+        camera: &Camera,
+        stage: &Stage,
+        receivers: &[DAabb],
+        samples: f64,
+    ) -> LightView {
         let view = match &self.fitted {
             Err(skip) => return LightView::skipped(*skip),
             Ok(view) => view,
         };
-        let moving = |o: &&u32| **o >= stage.first_mover;
-        let formed = |o: &u32| self.form(camera, stage, *o).len() as u64;
-        let triangles = match self.coarse {
-            Some(store) => {
-                let still = store.borrow_mut().choose(camera, self.direction, receivers, CASTER_PX);
-                still + self.casters.iter().filter(moving).map(formed).sum::<u64>()
-            }
-            None => self.casters.iter().map(formed).sum::<u64>(),
+        let formed = |moving: bool| {
+            let which = self.casters.iter().filter(|&&o| (o >= stage.first_mover) == moving);
+            which.map(|&o| self.form(camera, stage, o).len() as u64).sum::<u64>()
         };
+        let mut still = formed(false);
+        let moving = formed(true);
+        self.hierarchical = false;
+        if let Some(store) = self.coarse {
+            let nodes = store.borrow_mut().choose(camera, self.direction, receivers, CASTER_PX);
+            self.hierarchical = nodes < still;
+            still = still.min(nodes);
+        }
         LightView {
             receiver_pixels: samples,
-            caster_triangles: triangles as f64,
+            caster_triangles: (still + moving) as f64,
             caster_draws: self.casters.len() as f64,
             contribution: 1.0,
             texels: TexelSpread::of_map(view),
@@ -145,7 +157,7 @@ impl<'a> Sun<'a> {
             ShadowMap::new(view.side, view.clip_from_relative, view.origin, -self.direction, options)?;
         let mut casters_drawn = 0;
         let mut first = 0;
-        if let (Some(store), Some(_)) = (self.coarse, camera) {
+        if let (Some(store), Some(_), true) = (self.coarse, camera, self.hierarchical) {
             casters_drawn += store.borrow_mut().draw(rasteriser, &mut map, view.origin)?;
             first = stage.first_mover;
         }

@@ -379,12 +379,22 @@ impl PixelShader for SurfaceShader<'_> {
 /// Puts the sky behind everything.
 fn finish(target: &mut Target, camera: &Camera, options: &RenderOptions) {
     let Some([zenith, horizon]) = options.sky else { return };
+    // Directions to one unit ahead change evenly over the image.
+    let at = |x: f64, y: f64| {
+        let direction = camera.ray(DVec2::new(x, y)).direction();
+        (direction / direction.dot(camera.forward())).as_vec3()
+    };
+    let first = at(0.5, 0.5);
+    let (width, height) = (f64::from(target.width()), f64::from(target.height()));
+    let right = (at(0.5 + width, 0.5) - first) / width as f32;
+    let down = (at(0.5, 0.5 + height) - first) / height as f32;
+    let up = options.up.as_vec3();
     for y in 0..target.height() {
         for x in 0..target.width() {
             let colour = Vec4::from_array(target.colour(x, y));
             if colour.w < 1.0 {
-                let ray = camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
-                let height = ray.direction().dot(options.up) as f32;
+                let direction = first + right * x as f32 + down * y as f32;
+                let height = direction.dot(up) / direction.length();
                 let sky = sky_colour(zenith, horizon, height).extend(1.0);
                 target.set_colour(x, y, (colour + sky * (1.0 - colour.w)).to_array());
             }
