@@ -312,7 +312,11 @@ fn clipped<S: Simd, K: DrawSink<S>>(
             Ok(Some(setup)) => {
                 covered = true;
                 sink.begin(index as u32, draw.state.ids, || corners.map(|p| viewport.homogeneous_px(p)));
-                setup.scan(simd, window, sink);
+                // This function is not part of what was compiled for the instruction set.
+                simd.vectorize(
+                    #[inline(always)]
+                    || setup.scan(simd, window, sink),
+                );
             }
         }
     }

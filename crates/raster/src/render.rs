@@ -10,6 +10,7 @@ use crate::{Cull, Outputs, RasterError, Target};
 use farsight_geometry::scene::{AlphaMode, Instance, Material, Scene};
 use farsight_geometry::{Camera, ClipConvention, Containment, Frustum, TriangleMesh};
 use glam::{DAffine3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3, Vec4};
+use std::cell::Cell;
 
 /// What ids a scene's image gets. All start at 1; 0 is background.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -288,6 +289,8 @@ struct SurfaceShader<'a> {
     normal_matrix: Mat3,
     haze: Option<(f32, Vec3)>,
     exposure: f32,
+    /// The last triangle that was shaded, and its normal: of the mesh, and in world axes.
+    face: Cell<(u32, [Vec3; 2])>,
 }
 
 impl<'a> SurfaceShader<'a> {
@@ -310,6 +313,7 @@ impl<'a> SurfaceShader<'a> {
             normal_matrix: if inverse.is_finite() { inverse.as_mat3() } else { Mat3::IDENTITY },
             haze: view.options.haze.map(|d| (d, horizon)),
             exposure: view.options.exposure,
+            face: Cell::new((u32::MAX, [Vec3::ZERO; 2])),
         }
     }
 
@@ -329,14 +333,20 @@ impl<'a> SurfaceShader<'a> {
     }
 
     /// Shading normal and face normal, in world axes.
-    fn normals(&self, corners: [usize; 3], weights: Vec3, point: Vec3) -> [Vec3; 2] {
+    fn normals(&self, triangle: u32, corners: [usize; 3], weights: Vec3, point: Vec3) -> [Vec3; 2] {
         let smooth = self.mesh.normals().map_or(Vec3::ZERO, |n| {
             n[corners[0]] * weights.x + n[corners[1]] * weights.y + n[corners[2]] * weights.z
         });
-        let p = corners.map(|i| self.mesh.positions()[i].as_dvec3());
-        let face = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero().as_vec3();
-        let local = if smooth == Vec3::ZERO { face } else { smooth };
-        let [normal, face] = [local, face].map(|n| (self.normal_matrix * n).normalize_or_zero());
+        let (known, mut faces) = self.face.get();
+        if known != triangle {
+            let p = corners.map(|i| self.mesh.positions()[i].as_dvec3());
+            let local = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero().as_vec3();
+            faces = [local, (self.normal_matrix * local).normalize_or_zero()];
+            self.face.set((triangle, faces));
+        }
+        let [local, face] = faces;
+        let normal = if smooth == Vec3::ZERO { local } else { smooth };
+        let normal = (self.normal_matrix * normal).normalize_or_zero();
         // Data need not wind its triangles to suit its normals.
         let face = if face.dot(normal) < 0.0 { -face } else { face };
         // A surface seen from behind is lit from behind.
@@ -366,7 +376,7 @@ impl PixelShader for SurfaceShader<'_> {
         let p = corners.map(|i| self.mesh.positions()[i]);
         let local = p[0] * weights.x + p[1] * weights.y + p[2] * weights.z;
         let point = self.relative.transform_point3(local.as_dvec3()).as_vec3();
-        let [normal, face] = self.normals(corners, weights, point);
+        let [normal, face] = self.normals(fragment.triangle, corners, weights, point);
         let light = self.lighting.radiance(point, normal, face);
         let mut colour = albedo.truncate() * light * self.exposure;
         if let Some((distance, horizon)) = self.haze {
