@@ -38,6 +38,7 @@ mod choice;
 mod ladder;
 mod pass;
 mod plan;
+mod planner;
 mod rules;
 mod state;
 mod summary;
@@ -52,7 +53,8 @@ pub use farsight_geometry;
 pub use farsight_geometry::Millis;
 pub use farsight_geometry::accuracy::{ErrorBound, Kind};
 pub use pass::{Pass, Resource, is_output};
-pub use plan::{Plan, Planner, plan};
+pub use plan::Plan;
+pub use planner::{Planner, plan};
 pub use state::PlanState;
 pub use summary::{
     Budget, CellView, CloudSummary, CloudView, Detail, Form, LightSummary, LightView, ObjectSummary,
