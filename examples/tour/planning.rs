@@ -80,8 +80,8 @@ impl<'a> Planning<'a> {
             if square(rigid) < 1e-18 { alike * (1.0 + 1e-9) } else { square(m).sqrt() }
         };
         // Rough costs of software rendering; frames put them right. Nearly every sample is shaded once, whatever is in view.
-        let model = Model { heuristic: Heuristic::Extended, costs: [2e-5, 2e-6, 2e-3, 5e-5] };
-        let constant = Millis(2.2e-4 * f64::from(samples));
+        let model = Model { heuristic: Heuristic::Extended, costs: [2e-5, 4e-6, 2e-3, 3e-5] };
+        let constant = Millis(1.1e-4 * f64::from(samples));
         let mut refit = RefitOptions::default();
         // Along a walk all frames are alike; what they do not tell stays as it was.
         refit.trust = 30.0;
