@@ -20,6 +20,7 @@ impl Plane {
     }
 
     /// Signed distance, positive inside.
+    #[inline]
     pub fn distance(&self, point: DVec3) -> f64 {
         self.normal.dot(point) + self.offset
     }

@@ -207,6 +207,7 @@ impl TriangleMesh {
     }
 
     /// World position of the local origin.
+    #[inline]
     pub fn origin(&self) -> DVec3 {
         self.origin
     }

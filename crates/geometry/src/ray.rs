@@ -59,11 +59,13 @@ impl Ray {
     }
 
     /// Where it starts.
+    #[inline]
     pub fn origin(&self) -> DVec3 {
         self.origin
     }
 
     /// Unit direction, without negative zeros.
+    #[inline]
     pub fn direction(&self) -> DVec3 {
         self.direction
     }
@@ -107,7 +109,7 @@ pub trait RayCaster: Sync {
     /// The first hit, if there is one.
     fn closest(&self, ray: &Ray) -> Option<Hit>;
 
-    /// The first hit of every ray, in order. `hits` is as long as `rays`.
+    /// The first hit of every ray, in order. `hits` is as long as `rays`; all of it is overwritten.
     fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         for (ray, hit) in rays.iter().zip(hits) {
             *hit = self.closest(ray);
@@ -115,7 +117,7 @@ pub trait RayCaster: Sync {
     }
 
     /// The first hit of rays that share their origin and are close in direction. `hits` is as long as
-    /// `directions`; a direction without length hits nothing.
+    /// `directions`, and all of it is overwritten; a direction without length hits nothing.
     fn closest_bundle(&self, origin: DVec3, directions: &[DVec3], hits: &mut [Option<Hit>]) {
         for (&direction, hit) in directions.iter().zip(hits) {
             *hit = Ray::new(origin, direction).and_then(|ray| self.closest(&ray));

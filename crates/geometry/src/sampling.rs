@@ -58,12 +58,14 @@ impl Random {
     }
 
     /// 64 random bits.
+    #[inline]
     pub fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(GOLDEN);
         mix(self.state)
     }
 
     /// A number in [0, 1), a multiple of 2⁻⁵³.
+    #[inline]
     pub fn unit(&mut self) -> f64 {
         to_unit(self.bits())
     }
@@ -74,6 +76,7 @@ impl Random {
     }
 
     /// A whole number below `n`; zero when `n` is zero. The bias is below n / 2⁶⁴.
+    #[inline]
     pub fn below(&mut self, n: u64) -> u64 {
         ((u128::from(self.bits()) * u128::from(n)) >> 64) as u64
     }
@@ -246,6 +249,7 @@ fn with_sin(cos: f64) -> (f64, f64) {
 ///
 /// # References
 /// [Duff et al. 2017] *Building an Orthonormal Basis, Revisited*.
+#[inline]
 pub fn around(axis: DVec3, local: DVec3) -> DVec3 {
     let sign = 1f64.copysign(axis.z);
     let a = -1.0 / (sign + axis.z);
@@ -256,6 +260,7 @@ pub fn around(axis: DVec3, local: DVec3) -> DVec3 {
 }
 
 /// A point of a triangle, uniform by area, from two numbers in [0, 1).
+#[inline]
 pub fn on_triangle([a, b, c]: [DVec3; 3], [u, v]: [f64; 2]) -> DVec3 {
     let root = u.sqrt();
     a + (b - a) * (root * (1.0 - v)) + (c - a) * (root * v)

@@ -29,6 +29,10 @@ impl Bits {
         true
     }
 
+    pub(crate) fn bytes(&self) -> usize {
+        self.words.len() * size_of::<u64>()
+    }
+
     pub(crate) fn len(&self) -> u32 {
         self.count
     }

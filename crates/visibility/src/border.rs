@@ -51,15 +51,16 @@ pub(crate) struct Sample {
 /// not on what is known already: so groups can be sampled in any order, and side by side.
 pub(crate) fn sample<C: RayCaster>(space: &Space<C>, group: &[Job], scratch: &mut Scratch) {
     let Some(&Job { sight: Sight { origin, .. }, tolerance, .. }) = group.first() else { return };
-    let Scratch { aims, owners, edges, samples, .. } = scratch;
+    let Scratch { aims, corners, owners, edges, samples, .. } = scratch;
     aims.clear();
     owners.clear();
     edges.clear();
     samples.clear();
-    for (owner, job) in group.iter().enumerate() {
-        let corners = space.triangles.corners(job.sight.triangle).map(|p| p - origin);
+    corners.clear();
+    space.triangles.gather(group.iter().map(|job| job.sight.triangle), corners);
+    for (owner, corners) in corners.iter().enumerate() {
         let first = aims.len() as u32;
-        let outline = Outline::new(corners, space.rounding());
+        let outline = Outline::new(corners.map(|p| p - origin), space.rounding());
         outline.points(space.options.epsilon, space.options.bisector, aims);
         let last = aims.len() as u32;
         edges.extend((first..last).map(|i| [i, if i + 1 == last { first } else { i + 1 }]));

@@ -7,6 +7,7 @@ use crate::wave::{Scratch, Space};
 use farsight_geometry::RayCaster;
 use glam::DVec3;
 use std::collections::HashSet;
+use std::hash::{BuildHasherDefault, Hasher};
 
 /// Triangles that are flooded from together.
 const GROUP: usize = 16;
@@ -17,7 +18,25 @@ const BREAK: f64 = 1e-3;
 
 /// Edges that the flood has crossed: the triangle on the other side need not come back.
 #[derive(Debug, Default)]
-pub(crate) struct Crossed(HashSet<u64>);
+pub(crate) struct Crossed(HashSet<u64, BuildHasherDefault<Mixed>>);
+
+/// The hash of a number that is a hash.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Mixed(u64);
+
+impl Hasher for Mixed {
+    fn write_u64(&mut self, hash: u64) {
+        self.0 = hash;
+    }
+
+    fn write(&mut self, _: &[u8]) {
+        unreachable!("edges are numbers");
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}
 
 impl Crossed {
     /// Which edges of a triangle were not crossed before, as bits; from now on they are.
@@ -26,6 +45,12 @@ impl Crossed {
         // The same for both ways along an edge.
         let edges = [[a, b], [b, c], [c, a]].map(|[p, q]| p.wrapping_add(q));
         (0..3).map(|i| u8::from(self.0.insert(edges[i])) << i).sum()
+    }
+
+    /// Bytes of the table.
+    pub(crate) fn bytes(&self) -> usize {
+        // A number and a byte of control for each place.
+        self.0.capacity() * (size_of::<u64>() + 1)
     }
 }
 
@@ -42,13 +67,15 @@ fn hash(p: DVec3) -> u64 {
 /// breaks off are to be sampled all around.
 pub(crate) fn flood<C: RayCaster>(space: &Space<C>, jobs: &[Job], scratch: &mut Scratch) {
     for group in groups(jobs, GROUP) {
-        let Scratch { aims, hits, owners, out, .. } = &mut *scratch;
+        let Scratch { aims, corners, hits, owners, out, .. } = &mut *scratch;
         let origin = group[0].sight.origin;
         aims.clear();
         owners.clear();
-        for (owner, job) in group.iter().enumerate() {
-            let corners = space.triangles.corners(job.sight.triangle).map(|p| p - origin);
-            middles(corners, job.edges, space.options.epsilon, space.rounding(), aims);
+        corners.clear();
+        space.triangles.gather(group.iter().map(|job| job.sight.triangle), corners);
+        for (owner, (job, corners)) in group.iter().zip(corners.iter_mut()).enumerate() {
+            *corners = corners.map(|p| p - origin);
+            middles(*corners, job.edges, space.options.epsilon, space.rounding(), aims);
             owners.resize(aims.len(), owner as u32);
         }
         space.occluders.bundle(space.triangles, origin, aims, hits, |i, triangle| {
@@ -56,9 +83,8 @@ pub(crate) fn flood<C: RayCaster>(space: &Space<C>, jobs: &[Job], scratch: &mut 
         });
         out.rays += aims.len() as u64;
         let mut at = 0;
-        for (owner, job) in group.iter().enumerate() {
+        for (owner, (job, &[a, b, c])) in group.iter().zip(corners.iter()).enumerate() {
             let own = job.sight.triangle;
-            let [a, b, c] = space.triangles.corners(own).map(|p| p - origin);
             let normal = (b - a).cross(c - a);
             let mut breaks = false;
             while owners.get(at) == Some(&(owner as u32)) {

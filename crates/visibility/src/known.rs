@@ -25,6 +25,10 @@ impl Known {
         self.entries.len()
     }
 
+    pub(crate) fn bytes(&self) -> usize {
+        self.entries.len() * size_of::<u64>()
+    }
+
     pub(crate) fn push(&mut self, triangle: u32, [a, b, c]: [DVec3; 3]) {
         let direction = (a - self.centre) + (b - self.centre) + (c - self.centre);
         self.entries.push(u64::from(place(direction)) << 32 | u64::from(triangle));
@@ -33,7 +37,9 @@ impl Known {
     /// Sorts, when enough is new.
     pub(crate) fn settle(&mut self) {
         if self.len() - self.sorted > self.sorted / UNSORTED {
-            self.entries.sort_unstable();
+            self.entries[self.sorted..].sort_unstable();
+            // Two sorted runs, which this sort merges.
+            self.entries.sort();
             self.sorted = self.len();
         }
     }

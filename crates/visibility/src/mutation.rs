@@ -14,9 +14,15 @@ const EACH: usize = 4;
 /// Triangles, side by side in the picture, that rays of one viewpoint go past.
 const TOGETHER: usize = 8;
 
-/// Farthest past an edge, in radians. As far as gaps are wide: a tenth of it leaves three times as many false pixels among
-/// loose cubes.
-const FARTHEST: f64 = 0.1;
+/// Farthest past an edge, in radians. As far as gaps are wide: a tenth of it leaves several times as many false pixels among
+/// loose cubes, a third of it a fifth more, and in towns and on scans it makes no difference.
+const FARTHEST: f64 = 0.3;
+
+/// About 2ˣ for x from 0 to 1023: exact for whole numbers, straight between them.
+fn power_of_two(x: f64) -> f64 {
+    let whole = x as u64;
+    f64::from_bits((1023 + whole) << 52) * (1.0 + (x - whole as f64))
+}
 
 /// Triangles of a unit.
 pub(crate) const TRIANGLES: usize = RAYS_PER_UNIT / EACH;
@@ -32,16 +38,17 @@ pub(crate) fn sample<C: RayCaster>(
     // All magnitudes alike: neighbours are small and large.
     let low = space.options.epsilon;
     let octaves = (FARTHEST / low).log2();
-    for first in (first..first + TRIANGLES).step_by(TOGETHER) {
+    let Scratch { aims, corners, hits, out, .. } = scratch;
+    corners.clear();
+    space.triangles.gather(known.from(first, TRIANGLES), corners);
+    for together in corners.chunks(TOGETHER) {
         let origin = viewpoint(space.cell, random);
-        let Scratch { aims, hits, out, .. } = &mut *scratch;
         aims.clear();
-        for triangle in known.from(first, TOGETHER) {
-            let corners = space.triangles.corners(triangle).map(|p| p - origin);
-            let outline = Outline::new(corners, space.rounding());
+        for corners in together {
+            let outline = Outline::new(corners.map(|p| p - origin), space.rounding());
             aims.extend((0..EACH).filter_map(|_| {
                 let [along, octave] = random.units();
-                let (side, reach) = (random.below(9) as usize, low * (octave * octaves).exp2());
+                let (side, reach) = (random.below(9) as usize, low * power_of_two(octave * octaves));
                 outline.point_on(side, along, reach)
             }));
         }

@@ -42,7 +42,6 @@ impl<'a, C: RayCaster> Occluders<'a, C> {
         hits: &mut Vec<Option<Hit>>,
         mut behind: impl FnMut(usize, u32),
     ) {
-        hits.clear();
         hits.resize(directions.len(), None);
         self.opaque.closest_bundle(origin, directions, hits);
         if self.transparent.is_some() {
@@ -62,7 +61,6 @@ impl<'a, C: RayCaster> Occluders<'a, C> {
         hits: &mut Vec<Option<Hit>>,
         mut behind: impl FnMut(usize, u32),
     ) {
-        hits.clear();
         hits.resize(rays.len(), None);
         self.opaque.closest_batch(rays, hits);
         if self.transparent.is_some() {

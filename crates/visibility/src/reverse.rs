@@ -16,27 +16,33 @@ const BELIEVED: [f64; 2] = [0.25, 4.0];
 
 /// Shoots the reverse rays of a group's border samples.
 pub(crate) fn sample<C: RayCaster>(space: &Space<C>, group: &[Job], scratch: &mut Scratch) {
-    let Scratch { samples, rays, hits, stopped, planes, out, .. } = scratch;
+    let Scratch { samples, corners, rays, hits, stopped, planes, out, .. } = scratch;
     rays.clear();
     stopped.clear();
     planes.clear();
     let origin = group[0].sight.origin;
-    let relative = |triangle: u32| space.triangles.corners(triangle).map(|p| p - origin);
-    planes.extend(group.iter().map(|job| Plane::of(relative(job.sight.triangle))));
+    // Of the group's triangles, as their borders left them.
+    planes.extend(corners.iter().map(|corners| Plane::of(corners.map(|p| p - origin))));
     for (index, sample) in samples.iter().enumerate() {
         let own = group[sample.owner as usize].sight.triangle;
-        if sample.met != own && planes[sample.owner as usize].stopped_before(sample).is_some() {
+        // Neighbours often stop at the same: most of what is passed once is seen without sorting.
+        let again = stopped.last().is_some_and(|&[owner, met, _]| [owner, met] == [sample.owner, sample.met]);
+        if !again && sample.met != own && planes[sample.owner as usize].stopped_before(sample).is_some() {
             stopped.push([sample.owner, sample.met, index as u32]);
         }
     }
     // What stops many rays of one border is passed once.
     stopped.sort_unstable();
     stopped.dedup_by_key(|[owner, met, _]| [*owner, *met]);
-    for &[owner, met, index] in stopped.iter() {
+    corners.clear();
+    space.triangles.gather(stopped.iter().map(|[_, met, _]| *met), corners);
+    for (&[owner, _, index], occluder) in stopped.iter().zip(corners.iter()) {
         let (job, sample) = (&group[owner as usize], &samples[index as usize]);
         let Some(distance) = planes[owner as usize].stopped_before(sample) else { continue };
         let wanted = origin + sample.to.normalize_or_zero() * distance;
-        let Some(ends) = ends(relative(met), sample.to, job.sight.direction, space.options.epsilon) else {
+        let Some(ends) =
+            ends(occluder.map(|p| p - origin), sample.to, job.sight.direction, space.options.epsilon)
+        else {
             continue;
         };
         let wanted_ends = if space.options.reverse == Reverse::Both { &ends[..] } else { &ends[..1] };

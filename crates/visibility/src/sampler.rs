@@ -191,7 +191,10 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         {
             use rayon::prelude::*;
             let work: Vec<_> = work.collect();
-            work.into_par_iter().for_each(|(&(_, unit), scratch)| wave.run(space, unit, scratch));
+            // One by one: a thread that is done takes single units from the other until none is left.
+            work.into_par_iter()
+                .with_max_len(1)
+                .for_each(|(&(_, unit), scratch)| wave.run(space, unit, scratch));
         }
         #[cfg(not(feature = "rayon"))]
         work.for_each(|(&(_, unit), scratch)| wave.run(space, unit, scratch));
@@ -420,7 +423,7 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
             let missed: u64 = {
                 use rayon::prelude::*;
                 let work: Vec<_> = work.collect();
-                work.into_par_iter().map(run).sum()
+                work.into_par_iter().with_max_len(1).map(run).sum()
             };
             #[cfg(not(feature = "rayon"))]
             let missed: u64 = work.map(run).sum();
@@ -488,8 +491,12 @@ impl<'a, C: RayCaster> Sampler<'a, C> {
         ] {
             counters.add(name, count);
         }
-        let bytes = (self.known.len() * 8 + (self.floods.len() + self.queue.len()) * size_of::<Job>()) as u64;
-        Cost { time: self.time, bytes, counters }
+        let jobs =
+            (self.floods.len() + self.queue.len()) * size_of::<Job>() + self.jobs_of.len() * size_of::<u32>();
+        let bits = self.members.bytes() + self.space.seen.bytes();
+        let witnesses = self.witnesses.len() * size_of::<(u32, Witness)>();
+        let bytes = self.known.bytes() + self.crossed.bytes() + jobs + bits + witnesses;
+        Cost { time: self.time, bytes: bytes as u64, counters }
     }
 }
 

@@ -125,6 +125,11 @@ impl<'a> Triangles<'a> {
         part.corners(part.mesh.corners((triangle - part.first) as usize))
     }
 
+    /// World corners of some triangles, appended to `corners`. Fetching them side by side lets the waits for memory overlap.
+    pub(crate) fn gather(&self, triangles: impl Iterator<Item = u32>, corners: &mut Vec<[DVec3; 3]>) {
+        corners.extend(triangles.map(|triangle| self.corners(triangle)));
+    }
+
     /// Triangles whose boxes may overlap `bounds`, in order.
     pub(crate) fn near(&self, bounds: &DAabb) -> impl Iterator<Item = (u32, [DVec3; 3])> {
         let bounds = *bounds;

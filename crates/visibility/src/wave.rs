@@ -88,6 +88,7 @@ impl Out {
 pub(crate) struct Scratch {
     pub(crate) out: Out,
     pub(crate) aims: Vec<DVec3>,
+    pub(crate) corners: Vec<[DVec3; 3]>,
     pub(crate) hits: Vec<Option<Hit>>,
     pub(crate) rays: Vec<Ray>,
     pub(crate) samples: Vec<Sample>,
