@@ -78,8 +78,14 @@ pub(crate) fn certify_all(
     Work::new(original, surface, log, tolerance_sq, appearance).run()
 }
 
-/// What could not be certified, and what of the other surface lies around it; nothing where the original has borders, since what is
-/// nearest may then be across a crack.
+/// What has no certificate.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Bad {
+    pub faces: Vec<u32>,
+    pub triangles: Vec<u32>,
+}
+
+/// What has no certificate, and what of the other surface lies around it along the surface: what is nearest may be elsewhere, if only across a crack.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Failed {
     pub faces: Vec<u32>,
@@ -88,21 +94,80 @@ pub(crate) struct Failed {
     pub faces_around: Vec<u32>,
 }
 
-/// Certifies what can be, by distance alone: faces may have turned over. Takes nothing back.
+/// How often the tolerance is widened, by a factor of √2, for what it is too narrow for.
+const WIDENINGS: u32 = 6;
+
+/// Certifies what can be, by distance alone: faces may have turned over. Takes nothing back. Where the tolerance is too narrow, larger ones are
+/// tried; what they prove is right, and may be far above the truth.
 pub(crate) fn certify_some(
     original: &Original,
     surface: Complex,
     log: &mut Log,
     tolerance_sq: f64,
     appearance: Option<&Appearance>,
-) -> (CertifiedSurface, CertifyCounts, Failed) {
+) -> (CertifiedSurface, CertifyCounts, Bad) {
     let mut work = Work::new(original, surface, log, tolerance_sq, appearance);
     work.flood.any_side = true;
-    let faces = work.live_faces();
+    let faces: Vec<u32> = work.certified.surface.live_faces().collect();
     work.certify(&faces);
+    for _ in 0..WIDENINGS {
+        let (faces, triangles) =
+            (std::mem::take(&mut work.bad_faces), std::mem::take(&mut work.bad_triangles));
+        work.tolerance_sq *= 2.0;
+        work.flood_faces(&faces);
+        work.cover(triangles.into_iter());
+    }
     let counts = work.counts();
-    let failed = work.failed();
-    (work.certified, counts, failed)
+    (work.certified, counts, Bad { faces: work.bad_faces, triangles: work.bad_triangles })
+}
+
+impl Bad {
+    /// Adds what is certified with a larger reach than `limit_sq` only, and gives up those certificates.
+    pub(crate) fn add_beyond(&mut self, certified: &mut CertifiedSurface, limit_sq: f64) {
+        for f in certified.surface.live_faces() {
+            let reach_sq = &mut certified.reach_sq[f as usize];
+            if *reach_sq > limit_sq {
+                *reach_sq = 0.0;
+                self.faces.push(f);
+                self.triangles.extend(certified.claims.triangles_of(f));
+            }
+        }
+        for list in [&mut self.faces, &mut self.triangles] {
+            list.sort_unstable();
+            list.dedup();
+        }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.faces.is_empty() && self.triangles.is_empty()
+    }
+
+    pub(crate) fn with_surroundings(self, original: &Original, surface: &Complex, log: &Log) -> Failed {
+        let Self { faces, triangles } = self;
+        // Vertices around given ones, over the faces that they share.
+        let around = |vertices: Vec<u32>| {
+            let mut marked = vec![false; original.points.len()];
+            for f in vertices.into_iter().flat_map(|v| surface.faces_at(v)) {
+                surface.faces[f as usize].iter().for_each(|&v| marked[v as usize] = true);
+            }
+            marked
+        };
+        let mut failed = Failed::default();
+        if !faces.is_empty() {
+            let marked = around(faces.iter().flat_map(|&f| surface.faces[f as usize]).collect());
+            let near = |v: &u32| marked[log.representative(*v) as usize];
+            let all = 0..original.triangles.len() as u32;
+            failed.triangles_around =
+                all.filter(|&t| original.triangles[t as usize].iter().any(near)).collect();
+        }
+        if !triangles.is_empty() {
+            let corners = triangles.iter().flat_map(|&t| original.triangles[t as usize]);
+            let marked = around(corners.map(|v| log.representative(v)).collect());
+            let near = |f: &u32| surface.faces[*f as usize].iter().any(|&v| marked[v as usize]);
+            failed.faces_around = surface.live_faces().filter(near).collect();
+        }
+        Failed { faces, triangles, ..failed }
+    }
 }
 
 struct Work<'a> {
@@ -155,48 +220,10 @@ impl<'a> Work<'a> {
         }
     }
 
-    fn live_faces(&self) -> Vec<u32> {
-        let faces = &self.certified.surface.faces;
-        (0..faces.len() as u32).filter(|&f| faces[f as usize][0] != NONE).collect()
-    }
-
     /// Certifies faces, and the triangles that are not covered.
     fn certify(&mut self, faces: &[u32]) {
         self.flood_faces(faces);
-        self.cover_rest();
-    }
-
-    fn failed(&mut self) -> Failed {
-        let original = self.original;
-        let (faces, triangles) =
-            (std::mem::take(&mut self.bad_faces), std::mem::take(&mut self.bad_triangles));
-        let surface = &self.certified.surface;
-        // Vertices around given ones, over the faces that they share.
-        let around = |vertices: Vec<u32>| {
-            let mut marked = vec![false; original.points.len()];
-            for f in vertices.into_iter().flat_map(|v| surface.faces_at(v)) {
-                surface.faces[f as usize].iter().for_each(|&v| marked[v as usize] = true);
-            }
-            marked
-        };
-        let mut failed = Failed::default();
-        if original.neighbours.iter().flatten().any(|&n| n == NONE) {
-            return Failed { faces, triangles, ..failed };
-        }
-        if !faces.is_empty() {
-            let marked = around(faces.iter().flat_map(|&f| surface.faces[f as usize]).collect());
-            let near = |v: &u32| marked[self.log.representative(*v) as usize];
-            let all = 0..original.triangles.len() as u32;
-            failed.triangles_around =
-                all.filter(|&t| original.triangles[t as usize].iter().any(near)).collect();
-        }
-        if !triangles.is_empty() {
-            let corners = triangles.iter().flat_map(|&t| original.triangles[t as usize]);
-            let marked = around(corners.map(|v| self.log.representative(v)).collect());
-            let near = |f: &u32| surface.faces[*f as usize].iter().any(|&v| marked[v as usize]);
-            failed.faces_around = self.live_faces().into_iter().filter(near).collect();
-        }
-        Failed { faces, triangles, ..failed }
+        self.cover(0..self.original.triangles.len() as u32);
     }
 
     fn counts(&self) -> CertifyCounts {
@@ -205,7 +232,8 @@ impl<'a> Work<'a> {
 
     /// Certifies everything, taking contractions back until nothing is bad.
     fn run(mut self) -> (CertifiedSurface, CertifyCounts) {
-        self.certify(&self.live_faces());
+        let faces: Vec<u32> = self.certified.surface.live_faces().collect();
+        self.certify(&faces);
         let mut failures = vec![0u8; self.original.points.len()];
         let mut asked = Marks::new(self.original.points.len());
         loop {
@@ -310,13 +338,16 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Forward certificates of all other triangles.
-    fn cover_rest(&mut self) {
+    /// Forward certificates of those of some triangles, in order, that have none.
+    fn cover(&mut self, triangles: impl Iterator<Item = u32>) {
         let mut straddling = std::mem::take(&mut self.straddling);
         straddling.sort_unstable();
         let mut at = 0;
         let mut candidates: Vec<u32> = Vec::new();
-        for t in 0..self.original.triangles.len() as u32 {
+        for t in triangles {
+            while straddling.get(at).is_some_and(|s| s.0 < t) {
+                at += 1;
+            }
             let first = at;
             while straddling.get(at).is_some_and(|s| s.0 == t) {
                 at += 1;

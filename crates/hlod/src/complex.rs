@@ -84,6 +84,10 @@ impl Complex {
         })
     }
 
+    pub(crate) fn live_faces(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.faces.len() as u32).filter(|&f| self.faces[f as usize][0] != NONE)
+    }
+
     #[inline]
     pub(crate) fn faces_at(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
         self.corners_at(v).map(|c| c >> 2)
@@ -180,71 +184,112 @@ impl Marks {
     }
 }
 
-/// Two sets of marks for [`link_holds`].
-#[derive(Clone, Debug)]
-pub(crate) struct LinkMarks {
-    around_u: Marks,
-    apexes: Marks,
+/// The faces around a pair of vertices, read once for everything that is asked before it is contracted.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Surroundings {
+    u: u32,
+    v: u32,
+    /// The two other corners of each face, in its order.
+    at_u: Vec<[u32; 2]>,
+    at_v: Vec<[u32; 2]>,
 }
 
-impl LinkMarks {
+impl Surroundings {
+    pub(crate) fn read(&mut self, s: &Complex, u: u32, v: u32) {
+        (self.u, self.v) = (u, v);
+        for (spokes, x) in [(&mut self.at_u, u), (&mut self.at_v, v)] {
+            spokes.clear();
+            spokes.extend(s.corners_at(x).map(|corner| s.others(corner)));
+        }
+    }
+
     pub(crate) fn bytes(&self) -> usize {
-        self.around_u.bytes() + self.apexes.bytes()
+        size_of::<[u32; 2]>() * (self.at_u.capacity() + self.at_v.capacity())
     }
 
-    pub(crate) fn new(vertices: usize) -> Self {
-        Self { around_u: Marks::new(vertices), apexes: Marks::new(vertices) }
-    }
-}
-
-/// Whether contracting the pair keeps the topology: what the links of `u` and `v` share is the link of their edge (after
-/// Dey, Edelsbrunner, Guha & Nekhayev 1999). At borders, an inner edge between two border vertices does not pass. Neither does what would leave
-/// no face at all.
-pub(crate) fn link_holds(s: &Complex, u: u32, v: u32, marks: &mut LinkMarks) -> bool {
-    marks.around_u.clear();
-    marks.apexes.clear();
-    let mut shared = 0;
-    for corner in s.corners_at(u) {
-        let [a, b] = s.others(corner);
-        marks.around_u.set(a);
-        marks.around_u.set(b);
-        if a == v || b == v {
-            shared += 1;
-            if !marks.apexes.set(if a == v { b } else { a }) {
-                return false;
+    /// Whether contracting the pair keeps the topology: what the links of `u` and `v` share is the link of their edge (after
+    /// Dey, Edelsbrunner, Guha & Nekhayev 1999). At borders, an inner edge between two border vertices does not pass. Neither does what would
+    /// leave no face at all.
+    pub(crate) fn link_holds(&self) -> bool {
+        // Sets of vertices by a bit each of 64: a bit that is not set says no, for certain.
+        let bit = |x: u32| 1u64 << (x.wrapping_mul(0x9e37_79b1) >> 26);
+        let (mut around_u, mut apexes) = (0u64, 0u64);
+        let apex = |spoke: &[u32; 2]| if spoke[0] == self.v { spoke[1] } else { spoke[0] };
+        let is_apex = |x: u32| self.at_u.iter().any(|s| s.contains(&self.v) && apex(s) == x);
+        let mut shared = 0;
+        for (i, spoke) in self.at_u.iter().enumerate() {
+            around_u |= bit(spoke[0]) | bit(spoke[1]);
+            if spoke.contains(&self.v) {
+                let x = apex(spoke);
+                let again = |s: &[u32; 2]| s.contains(&self.v) && apex(s) == x;
+                if apexes & bit(x) != 0 && self.at_u[..i].iter().any(again) {
+                    return false;
+                }
+                apexes |= bit(x);
+                shared += 1;
             }
         }
-    }
-    let others_at = |x: u32, y: u32| s.corners_at(x).filter(|&c| !s.others(c).contains(&y)).count();
-    if shared == 0 || (others_at(u, v) == 0 && others_at(v, u) == 0) {
-        return false;
-    }
-    for corner in s.corners_at(v) {
-        let [a, b] = s.others(corner);
-        for x in [a, b] {
-            if x != u && marks.around_u.has(x) && !marks.apexes.has(x) {
-                return false;
-            }
-        }
-        // The same face on both sides of the edge would be doubled.
-        let closes = a != u && b != u && marks.apexes.has(a) && marks.apexes.has(b);
-        if closes && s.corners_at(u).any(|c| s.others(c) == [b, a] || s.others(c) == [a, b]) {
+        if shared == 0 || (self.at_u.len() == shared && self.at_v.iter().all(|s| s.contains(&self.u))) {
             return false;
         }
+        for spoke in &self.at_v {
+            let [a, b] = *spoke;
+            for x in [a, b] {
+                let met = x != self.u && around_u & bit(x) != 0 && self.at_u.iter().any(|s| s.contains(&x));
+                if met && !(apexes & bit(x) != 0 && is_apex(x)) {
+                    return false;
+                }
+            }
+            // The same face on both sides of the edge would be doubled.
+            if !spoke.contains(&self.u)
+                && apexes & bit(a) != 0
+                && apexes & bit(b) != 0
+                && is_apex(a)
+                && is_apex(b)
+                && self.at_u.iter().any(|s| s.contains(&a) && s.contains(&b))
+            {
+                return false;
+            }
+        }
+        let open = |spokes: &[[u32; 2]]| is_open(spokes.iter().copied());
+        shared != 2 || !(open(&self.at_u) && open(&self.at_v))
     }
-    shared != 2 || !(on_border(s, u) && on_border(s, v))
+
+    /// Whether no face around the pair turns by more than 84° or becomes a needle when both go `to` a place.
+    pub(crate) fn keep_orientation(&self, s: &Complex, to: DVec3) -> bool {
+        let keep = |spokes: &[[u32; 2]], from: DVec3, other: u32| {
+            spokes.iter().filter(|spoke| !spoke.contains(&other)).all(|spoke| {
+                let [pa, pb] = spoke.map(|x| s.points[x as usize]);
+                let (before, after) = ((pa - from).cross(pb - from), (pa - to).cross(pb - to));
+                // A face without area has no orientation to keep.
+                let sizes = before.length_squared() * after.length_squared();
+                let longest_sq = (pa - to)
+                    .length_squared()
+                    .max((pb - to).length_squared())
+                    .max((pa - pb).length_squared());
+                let needle = after.length_squared() * (NEEDLE * NEEDLE) < longest_sq * longest_sq;
+                let turn = before.dot(after);
+                sizes == 0.0 || !needle && turn > 0.0 && turn * turn > 0.01 * sizes
+            })
+        };
+        keep(&self.at_u, s.points[self.u as usize], self.v)
+            && keep(&self.at_v, s.points[self.v as usize], self.u)
+    }
 }
+
+/// Longest side over height of a needle.
+const NEEDLE: f64 = 1e3;
 
 /// Whether a side at `v` has one face only.
 pub(crate) fn on_border(s: &Complex, v: u32) -> bool {
+    is_open(s.corners_at(v).map(|corner| s.others(corner)))
+}
+
+/// Whether a side at the vertex that has faces with these other corners has one face only.
+fn is_open(others: impl Iterator<Item = [u32; 2]>) -> bool {
     // Around an inner vertex every neighbour is as often the one before as the one after.
-    let mut balance: u64 = 0;
     let mix = |x: u32| u64::from(x).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    for corner in s.corners_at(v) {
-        let [a, b] = s.others(corner);
-        balance = balance.wrapping_add(mix(a)).wrapping_sub(mix(b));
-    }
-    balance != 0
+    others.fold(0u64, |sum, [a, b]| sum.wrapping_add(mix(a)).wrapping_sub(mix(b))) != 0
 }
 
 #[cfg(test)]
@@ -277,11 +322,15 @@ mod tests {
     #[test]
     fn a_closed_ball_stays_closed_down_to_a_tetrahedron() {
         let mut s = ball();
-        let mut marks = LinkMarks::new(s.points.len());
+        let mut around = Surroundings::default();
+        let mut holds = |s: &Complex, u: u32, v: u32| {
+            around.read(s, u, v);
+            around.link_holds()
+        };
         loop {
             let pair = (0..s.points.len() as u32).find_map(|u| {
                 let neighbours: Vec<u32> = s.corners_at(u).flat_map(|c| s.others(c)).collect();
-                neighbours.into_iter().find(|&v| link_holds(&s, u, v, &mut marks)).map(|v| (u, v))
+                neighbours.into_iter().find(|&v| holds(&s, u, v)).map(|v| (u, v))
             });
             let Some((u, v)) = pair else { break };
             let before = s.live;

@@ -5,10 +5,10 @@
 
 use crate::appearance::{Appearance, Look};
 use crate::certify::CertifiedSurface;
-use crate::complex::{Complex, LinkMarks, Marks, link_holds, on_border};
+use crate::complex::{Complex, Marks, Surroundings, on_border};
 use crate::cover::Coverer;
 use crate::facet::Facet;
-use crate::fast::{border_quadric, keeps_orientation};
+use crate::fast::border_quadric;
 use crate::flood::{Flood, steep_reach_sq};
 use crate::frame::Frame;
 use crate::original::{NONE, Original};
@@ -147,7 +147,7 @@ pub(crate) struct Contractor<'a> {
     tolerance_sq: f64,
     flood: Flood,
     coverer: Coverer,
-    links: LinkMarks,
+    around: Surroundings,
     queue: Buckets,
     /// How often a vertex was moved.
     made: Vec<u32>,
@@ -192,7 +192,7 @@ impl<'a> Contractor<'a> {
             tolerance_sq,
             flood: Flood::new(original),
             coverer: Coverer::default(),
-            links: LinkMarks::new(vertices),
+            around: Surroundings::default(),
             queue: Buckets::new(),
             made: vec![0; vertices],
             changed: vec![1; vertices],
@@ -250,7 +250,7 @@ impl<'a> Contractor<'a> {
         let triangles = self.is_gathered.bytes() + 4 * self.slot.capacity();
         let pairs = size_of::<Pair>() * self.queue.buckets.iter().map(Vec::capacity).sum::<usize>()
             + 12 * self.failed.capacity();
-        self.state.bytes() + self.flood.bytes() + self.links.bytes() + vertices + triangles + pairs
+        self.state.bytes() + self.flood.bytes() + self.around.bytes() + vertices + triangles + pairs
     }
 
     fn may_pair(&self, u: u32, v: u32) -> bool {
@@ -331,7 +331,8 @@ impl<'a> Contractor<'a> {
         if [self.made[u as usize], self.made[v as usize]] != made {
             return;
         }
-        if !link_holds(&self.state.surface, u, v, &mut self.links) {
+        self.around.read(&self.state.surface, u, v);
+        if !self.around.link_holds() {
             self.failed.push((u, v, self.clock));
             return;
         }
@@ -357,14 +358,14 @@ impl<'a> Contractor<'a> {
     /// Contracts the pair to `at` if all that it changes can be certified.
     fn attempt(&mut self, u: u32, v: u32, at: DVec3) -> bool {
         self.counts.attempts += 1;
-        if !keeps_orientation(&self.state.surface, u, v, at) || !self.make_faces(u, v, at) {
+        if !self.around.keep_orientation(&self.state.surface, at) || !self.make_faces(u, v, at) {
             return false;
         }
-        self.gather(u, v);
         let culprits = [self.culprit[u as usize], self.culprit[v as usize]];
         if culprits.iter().any(|&t| self.will_fail(u, v, t)) {
             return false;
         }
+        self.gather(u, v);
         if let Err(culprit) = self.certify_faces().and_then(|()| self.cover_rest(u, v)) {
             self.culprit[u as usize] = culprit;
             self.culprit[v as usize] = culprit;
@@ -429,7 +430,11 @@ impl<'a> Contractor<'a> {
     /// Whether the triangle, at which an earlier attempt failed, will make this one fail too: it is too high over a new face, or
     /// too far from all of them where nothing else may cover it.
     fn will_fail(&self, u: u32, v: u32, triangle: u32) -> bool {
-        if triangle == NONE || !self.is_gathered.has(triangle) {
+        if triangle == NONE {
+            return false;
+        }
+        let claims = &self.state.claims;
+        if !claims.faces_of(triangle).any(|f| self.is_touched(f, u, v)) {
             return false;
         }
         // Over a new face and too high there: the flood will find it, unless it belongs to another sheet.
@@ -444,7 +449,7 @@ impl<'a> Contractor<'a> {
         let far = |p: DVec3| self.news.iter().all(|n| n.facet.distance_sq_to(p) > self.tolerance_sq);
         too_high
             || self.original.corners(triangle).into_iter().any(far)
-                && self.state.claims.faces_of(triangle).all(|f| self.is_touched(f, u, v))
+                && claims.faces_of(triangle).all(|f| self.is_touched(f, u, v))
     }
 
     /// Backward certificates of the new faces, noting on the way whom they cover. Fails with the triangle to blame.

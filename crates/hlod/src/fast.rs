@@ -3,7 +3,7 @@
 //! Nothing is certain here: the quadric of a vertex is a mean of squared distances to planes and bounds no maximum. What
 //! comes out is a good guess that [`certify`](crate::certify) checks and mends.
 
-use crate::complex::{Complex, LinkMarks, Marks, link_holds};
+use crate::complex::{Complex, Marks, Surroundings};
 use crate::frame::Frame;
 use crate::original::{NONE, Original};
 use crate::quadric::Quadric;
@@ -18,9 +18,6 @@ pub(crate) struct FastLimits {
     /// Original vertices in one; bounds what taking back costs.
     pub members: u32,
 }
-
-/// Longest side over height of a needle.
-const NEEDLE: f64 = 1e3;
 
 /// What a contraction replaced, so that it can be taken back.
 #[derive(Clone, Copy, Debug)]
@@ -125,11 +122,36 @@ pub(crate) fn border_quadric(a: DVec3, b: DVec3, normal: DVec3) -> Option<Quadri
 /// One possible contraction.
 #[derive(Clone, Copy)]
 struct Candidate {
-    cost: f32,
     /// Stays.
     u: u32,
     v: u32,
-    rule: Place,
+    at: DVec3,
+}
+
+/// The size of a cost, in half powers of two.
+fn half_powers(cost: f64) -> u16 {
+    ((cost as f32).to_bits() >> 22) as u16
+}
+
+/// Sorts by the size of costs, neighbours together within: that is faster to go through than the order of the costs themselves, and no worse.
+#[derive(Default)]
+struct Order {
+    costs: Vec<u16>,
+    sorted: Vec<u32>,
+}
+
+impl Order {
+    fn sorted(&mut self) -> &[u32] {
+        let mut next = [0u32; 513];
+        self.costs.iter().for_each(|&c| next[c as usize + 1] += 1);
+        (1..next.len()).for_each(|c| next[c] += next[c - 1]);
+        self.sorted.resize(self.costs.len(), 0);
+        for (i, &c) in self.costs.iter().enumerate() {
+            self.sorted[next[c as usize] as usize] = i as u32;
+            next[c as usize] += 1;
+        }
+        &self.sorted
+    }
 }
 
 /// Contracts until nothing is left within the limits, as far as the vertices' roles allow.
@@ -142,40 +164,42 @@ pub(crate) fn contract_fast(
 ) -> Log {
     let mut log = Log::new(s.points.len());
     let mut quadrics = quadrics(original);
-    let mut marks = LinkMarks::new(s.points.len());
+    let mut around = Surroundings::default();
     let mut touched = Marks::new(s.points.len());
-    let mut seen = Marks::new(s.points.len());
     let mut candidates: Vec<Candidate> = Vec::new();
+    let mut order = Order::default();
+    let mut neighbours: Vec<u32> = Vec::new();
     let mut alive: Vec<u32> = (0..s.points.len() as u32).filter(|&v| !s.is_isolated(v)).collect();
     loop {
         candidates.clear();
+        order.costs.clear();
         for &u in &alive {
-            seen.clear();
+            neighbours.clear();
             for corner in s.corners_at(u) {
                 for v in s.others(corner) {
-                    if v > u
-                        && seen.set(v)
-                        && let Some((kept, gone, rule)) = roles.pair(u, v)
-                    {
+                    if v > u && !neighbours.contains(&v) {
+                        neighbours.push(v);
                         let members = log.members[u as usize] + log.members[v as usize];
                         if members <= limits.members
-                            && let Some((cost, _)) = place(s, &quadrics, kept, gone, rule, limits.rms)
+                            && let Some((u, v, rule)) = roles.pair(u, v)
+                            && let Some((cost, at)) = place(s, &quadrics, u, v, rule, limits.rms)
                         {
-                            candidates.push(Candidate { cost: cost as f32, u: kept, v: gone, rule });
+                            order.costs.push(half_powers(cost));
+                            candidates.push(Candidate { u, v, at });
                         }
                     }
                 }
             }
         }
-        candidates.sort_unstable_by_key(|c| (c.cost.to_bits(), c.u, c.v));
         touched.clear();
         let mut contracted = 0;
-        for &Candidate { u, v, rule, .. } in &candidates {
+        for &next in order.sorted() {
+            let Candidate { u, v, at } = candidates[next as usize];
             if touched.has(u) || touched.has(v) {
                 continue;
             }
-            let Some((_, at)) = place(s, &quadrics, u, v, rule, limits.rms) else { continue };
-            if !link_holds(s, u, v, &mut marks) || !keeps_orientation(s, u, v, at) {
+            around.read(s, u, v);
+            if !around.link_holds() || !around.keep_orientation(s, at) {
                 continue;
             }
             let was = s.points[u as usize];
@@ -217,26 +241,6 @@ fn place(s: &Complex, quadrics: &[Quadric], u: u32, v: u32, rule: Place, rms: f6
     let reach_sq = a.distance_squared(b);
     let near = at.distance_squared(middle) <= 4.0 * reach_sq;
     (near && cost <= limit).then_some((cost + 1e-6 * reach_sq * q.weight, at))
-}
-
-/// Whether no face around the pair turns by more than 84° or becomes a needle.
-pub(crate) fn keeps_orientation(s: &Complex, u: u32, v: u32, at: DVec3) -> bool {
-    let keeps = |corner: u32, other: u32| {
-        let [a, b] = s.others(corner);
-        if a == other || b == other {
-            return true;
-        }
-        let (pa, pb) = (s.points[a as usize], s.points[b as usize]);
-        let p = s.points[s.faces[(corner >> 2) as usize][(corner & 3) as usize] as usize];
-        let (before, after) = ((pa - p).cross(pb - p), (pa - at).cross(pb - at));
-        // A face without area has no orientation to keep.
-        let sizes = before.length_squared() * after.length_squared();
-        let longest_sq =
-            (pa - at).length_squared().max((pb - at).length_squared()).max((pa - pb).length_squared());
-        let needle = after.length_squared() * (NEEDLE * NEEDLE) < longest_sq * longest_sq;
-        sizes == 0.0 || !needle && before.dot(after) > 0.1 * sizes.sqrt()
-    };
-    s.corners_at(u).all(|c| keeps(c, v)) && s.corners_at(v).all(|c| keeps(c, u))
 }
 
 #[cfg(test)]

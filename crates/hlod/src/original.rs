@@ -61,9 +61,9 @@ impl Original {
         let mut triangles: Vec<[u32; 3]> = source.iter().map(|&i| corners(i).map(&mut number)).collect();
         let mut lines: Vec<[u32; 3]> = lines.into_iter().map(|l| l.map(&mut number)).collect();
         let before = triangles.len();
-        let mut sides = sides_of(&triangles);
+        let mut sides = sides_of(&triangles, points.len());
         if drop_doubles(&mut triangles, &mut source, &sides) {
-            sides = sides_of(&triangles);
+            sides = sides_of(&triangles, points.len());
         }
         let neighbours = neighbours(&triangles, &sides);
         keep_bare_lines(&mut lines, &triangles, &sides);
@@ -104,15 +104,30 @@ fn morton(p: DVec3) -> u64 {
 }
 
 /// All sides as (smaller vertex, larger vertex, 4 · triangle + side), sorted.
-fn sides_of(triangles: &[[u32; 3]]) -> Vec<(u64, u32)> {
-    let mut sides = Vec::with_capacity(3 * triangles.len());
+fn sides_of(triangles: &[[u32; 3]], vertices: usize) -> Vec<(u64, u32)> {
+    // By counting those of each smaller vertex: there are few.
+    let ends = |c: &[u32; 3], i: usize| (c[i].min(c[(i + 1) % 3]), c[i].max(c[(i + 1) % 3]));
+    let mut next = vec![0u32; vertices + 1];
+    for c in triangles {
+        (0..3).for_each(|i| next[ends(c, i).0 as usize + 1] += 1);
+    }
+    for v in 0..vertices {
+        next[v + 1] += next[v];
+    }
+    let mut sides = vec![(0, 0); 3 * triangles.len()];
     for (t, c) in triangles.iter().enumerate() {
         for i in 0..3 {
-            let (a, b) = (c[i], c[(i + 1) % 3]);
-            sides.push((u64::from(a.min(b)) << 32 | u64::from(a.max(b)), (t as u32) << 2 | i as u32));
+            let (low, high) = ends(c, i);
+            sides[next[low as usize] as usize] =
+                (u64::from(low) << 32 | u64::from(high), (t as u32) << 2 | i as u32);
+            next[low as usize] += 1;
         }
     }
-    sides.sort_unstable();
+    let mut first = 0;
+    for &end in &next[..vertices] {
+        sides[first..end as usize].sort_unstable();
+        first = end as usize;
+    }
     sides
 }
 

@@ -2,10 +2,10 @@
 
 use crate::HlodError;
 use crate::appearance::{Appearance, Gathering};
-use crate::certify::{CertifiedSurface, Failed, certify_all, certify_some};
+use crate::certify::{Bad, CertifiedSurface, Failed, certify_all, certify_some};
 use crate::complex::Complex;
 use crate::contract::{Contractor, Pairs};
-use crate::fast::{FastLimits, contract_fast};
+use crate::fast::{FastLimits, Log, contract_fast};
 use crate::frame::{Frame, SLACK, resolution};
 use crate::original::{NONE, Original};
 use crate::roles::{Roles, Walls};
@@ -171,18 +171,22 @@ pub(crate) fn simplify_between(
     original.lines.iter().flatten().for_each(|&v| roles.lock(v));
     let mut counters = Counters::new();
     counters.add("triangles", mesh.triangles().len() as u64);
-    let Reduced { state, failed, bytes } =
+    let Reduced { mut state, unproven, bytes } =
         reduce(&original, &frame, &roles, appearance, limit, options.tier, &mut counters);
     let simple = match appearance {
         Some(a) => output_with_looks(mesh, &frame, &original, &state, a, ALIKE * limit)?,
         None => output(mesh, &frame, &original, &state)?,
     };
-    let mut value = frame.length_out(state.reach() + SLACK).next_up();
-    if options.tier == Tier::Fast {
-        value = value.max(measure_failed(mesh, &simple, &original, &state, &failed, tolerance)?);
-    } else {
-        value = value.min(tolerance);
-    }
+    let measured = match unproven {
+        Some((bad, log)) => {
+            let measure =
+                Measure { mesh, simple: &simple, frame: &frame, original: &original, log, tolerance };
+            Some(measure.all(&mut state, bad)?)
+        }
+        None => None,
+    };
+    let proven = frame.length_out(state.reach() + SLACK).next_up();
+    let value = measured.map_or(proven.min(tolerance), |m| m.max(proven));
     let cost = Cost { time: start.elapsed(), bytes: simple.bytes(), counters };
     let geometric = ErrorBound::proven(value, Unit::Metres);
     let look_error = || ErrorBound::estimated(frame.length_out(state.look_error()), Unit::Metres);
@@ -201,7 +205,8 @@ pub(crate) fn simplify_between(
 /// What the phases lead to.
 struct Reduced {
     state: CertifiedSurface,
-    failed: Failed,
+    /// What the fast tier could not certify, and what led to it.
+    unproven: Option<(Bad, Log)>,
     bytes: usize,
 }
 
@@ -225,61 +230,94 @@ fn reduce(
     let mut log = contract_fast(original, frame, &mut surface, roles, limits);
     let limit_sq = limit * limit;
     if tier == Tier::Fast {
-        let (state, counts, failed) = certify_some(original, surface, &mut log, limit_sq, appearance);
+        let (state, counts, bad) = certify_some(original, surface, &mut log, limit_sq, appearance);
         counts.add_to(counters);
-        return Reduced { bytes: state.bytes(), state, failed };
+        return Reduced { bytes: state.bytes(), state, unproven: Some((bad, log)) };
     }
     let (state, counts) = certify_all(original, surface, &mut log, limit_sq, appearance);
     drop(log);
     counts.add_to(counters);
     if tier == Tier::Verified && !roles.any_rims() {
-        return Reduced { bytes: state.bytes(), state, failed: Failed::default() };
+        return Reduced { bytes: state.bytes(), state, unproven: None };
     }
     let contractor = Contractor::new(original, frame, state, roles, appearance, limit_sq);
     let pairs = if tier == Tier::Verified { Pairs::Rims } else { Pairs::All };
     let (state, counts, bytes) = contractor.run(pairs);
     counts.add_to(counters);
-    Reduced { state, failed: Failed::default(), bytes }
+    Reduced { state, unproven: None, bytes }
 }
 
-/// An upper bound of the distance of what was not certified, by branch and bound.
-fn measure_failed(
-    mesh: &TriangleMesh,
-    simple: &TriangleMesh,
-    original: &Original,
-    state: &CertifiedSurface,
-    failed: &Failed,
+/// Finds out by branch and bound what certificates do not tell, or not well enough.
+struct Measure<'a> {
+    mesh: &'a TriangleMesh,
+    simple: &'a TriangleMesh,
+    frame: &'a Frame,
+    original: &'a Original,
+    log: Log,
     tolerance: f64,
-) -> Result<f64, HlodError> {
-    let options = HausdorffOptions::new(MEASURE_SHARE * tolerance).with_max_splits(MEASURE_SPLITS);
-    let part = |of: &TriangleMesh, triangles: Vec<[u32; 3]>| {
-        TriangleMesh::new(of.positions().to_vec(), triangles)?.with_origin(of.origin())
-    };
-    // Faces of the result are numbered as they come among the live ones.
-    let mut numbers = vec![NONE; state.surface.faces.len()];
-    let live = (0..numbers.len()).filter(|&f| state.surface.faces[f][0] != NONE);
-    live.enumerate().for_each(|(i, f)| numbers[f] = i as u32);
-    let faces = |list: &[u32]| {
-        part(simple, list.iter().map(|&f| simple.triangles()[numbers[f as usize] as usize]).collect())
-    };
-    let triangles = |list: &[u32]| {
-        let source = |&t: &u32| mesh.triangles()[original.source[t as usize] as usize];
-        part(mesh, list.iter().map(source).collect())
-    };
-    // The distance to a part is never below that to the whole.
-    let surface = |around: TriangleMesh, whole: &TriangleMesh| {
-        Surface::new(if around.is_empty() { whole } else { &around })
-    };
-    let mut upper = 0.0f64;
-    if !failed.faces.is_empty() {
-        let to = surface(triangles(&failed.triangles_around)?, mesh);
-        upper = upper.max(one_sided(&faces(&failed.faces)?, &to, &options).upper);
+}
+
+impl Measure<'_> {
+    /// An upper bound of the distance of what is bad, and of what is certified with a larger reach than that and the tolerance.
+    fn all(&self, state: &mut CertifiedSurface, mut bad: Bad) -> Result<f64, HlodError> {
+        let squared = |length: f64| self.frame.length_in(length).powi(2);
+        // The certificates with the largest reach first: what they really need may be more than all others claim.
+        let limit_sq = squared(self.tolerance);
+        bad.add_beyond(state, limit_sq.max(0.5 * state.reach().powi(2)));
+        let worst = self.part(state, bad)?;
+        let mut bad = Bad::default();
+        bad.add_beyond(state, limit_sq.max(squared(worst)));
+        Ok(worst.max(self.part(state, bad)?))
     }
-    if !failed.triangles.is_empty() {
-        let to = surface(faces(&failed.faces_around)?, simple);
-        upper = upper.max(one_sided(&triangles(&failed.triangles)?, &to, &options).upper);
+
+    fn part(&self, state: &CertifiedSurface, bad: Bad) -> Result<f64, HlodError> {
+        if bad.is_empty() {
+            return Ok(0.0);
+        }
+        let Self { mesh, simple, original, .. } = self;
+        let failed: Failed = bad.with_surroundings(original, &state.surface, &self.log);
+        let part = |of: &TriangleMesh, triangles: Vec<[u32; 3]>| {
+            TriangleMesh::new(of.positions().to_vec(), triangles)?.with_origin(of.origin())
+        };
+        // Faces of the result are numbered as they come among the live ones.
+        let mut numbers = vec![NONE; state.surface.faces.len()];
+        state.surface.live_faces().enumerate().for_each(|(i, f)| numbers[f as usize] = i as u32);
+        let faces = |list: &[u32]| {
+            part(simple, list.iter().map(|&f| simple.triangles()[numbers[f as usize] as usize]).collect())
+        };
+        let triangles = |list: &[u32]| {
+            let source = |&t: &u32| mesh.triangles()[original.source[t as usize] as usize];
+            part(mesh, list.iter().map(source).collect())
+        };
+        let mut upper = 0.0f64;
+        if !failed.faces.is_empty() {
+            let around = triangles(&failed.triangles_around)?;
+            upper = upper.max(self.distance(&faces(&failed.faces)?, &around, mesh));
+        }
+        if !failed.triangles.is_empty() {
+            let around = faces(&failed.faces_around)?;
+            upper = upper.max(self.distance(&triangles(&failed.triangles)?, &around, simple));
+        }
+        Ok(upper)
     }
-    Ok(upper)
+
+    fn distance(&self, of: &TriangleMesh, around: &TriangleMesh, whole: &TriangleMesh) -> f64 {
+        let options = HausdorffOptions::new(MEASURE_SHARE * self.tolerance).with_max_splits(MEASURE_SPLITS);
+        // The distance to a part is never below that to the whole: where it is good enough, it need not be looked for any farther. Nearly everything
+        // is no part.
+        if !around.is_empty() && 4 * around.triangles().len() < whole.triangles().len() {
+            let near = one_sided(of, &Surface::new(around), &options).upper;
+            if near <= self.tolerance || !self.has_borders() {
+                return near;
+            }
+        }
+        one_sided(of, &Surface::new(whole), &options).upper
+    }
+
+    /// Whether what is nearest may be across a crack.
+    fn has_borders(&self) -> bool {
+        self.original.neighbours.iter().flatten().any(|&n| n == NONE)
+    }
 }
 
 /// The tolerance in the frame, what rounding may need taken off.
