@@ -639,8 +639,9 @@ enum OnGrid {
 
 fn on_grid(corners: [[i64; 3]; 3], origin: [i64; 3], direction: [i64; 3]) -> OnGrid {
     let minus = |a: [i64; 3], b: [i64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    let cross =
-        |a: [i64; 3], b: [i64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let cross = |a: [i64; 3], b: [i64; 3]| {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    };
     let dot = |a: [i64; 3], b: [i64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let seen = corners.map(|corner| minus(corner, origin));
     let normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]));
