@@ -251,7 +251,7 @@ fn measure_failed(
     failed: &Failed,
     tolerance: f64,
 ) -> Result<f64, HlodError> {
-    let options = HausdorffOptions::new(MEASURE_SHARE * tolerance).with_max_splits(MEASURE_SPLITS);
+    let options = measuring(tolerance);
     let part = |of: &TriangleMesh, triangles: Vec<[u32; 3]>| {
         TriangleMesh::new(of.positions().to_vec(), triangles)?.with_origin(of.origin())
     };
@@ -282,8 +282,13 @@ fn measure_failed(
     Ok(upper)
 }
 
+/// How exactly what was not certified is measured.
+pub(crate) fn measuring(tolerance: f64) -> HausdorffOptions {
+    HausdorffOptions::new(MEASURE_SHARE * tolerance).with_max_splits(MEASURE_SPLITS)
+}
+
 /// The tolerance in the frame, what rounding may need taken off.
-fn usable_tolerance(mesh: &TriangleMesh, frame: &Frame, tolerance: f64) -> Result<f64, HlodError> {
+pub(crate) fn usable_tolerance(mesh: &TriangleMesh, frame: &Frame, tolerance: f64) -> Result<f64, HlodError> {
     if !(tolerance >= 0.0 && tolerance.is_finite()) {
         return Err(HlodError::Tolerance { tolerance });
     }
