@@ -244,7 +244,7 @@ impl Plan {
 const STEPS_IN_TOLERANCE: f64 = 8.0;
 
 /// Steps of the lattice in a side of an average triangle of the input.
-const STEPS_IN_SIDE: f64 = 48.0;
+const STEPS_IN_SIDE: f64 = 24.0;
 
 /// Builds the hierarchy of all triangles of some batches and writes it to one file.
 ///

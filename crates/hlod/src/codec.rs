@@ -11,8 +11,8 @@ pub(crate) use looks::{Looks, NORMAL_ROUNDING, decode_looks};
 
 use crate::cell::Lattice;
 use crate::piece::{Attributes, Piece};
-use bits::{BitReader, BitWriter, Numbers};
-use connectivity::{Origin, Scratch, Visitor};
+use bits::{BitReader, BitWriter, Numbers, put_block, take_block};
+use connectivity::{Origin, Scratch};
 
 /// A coded mesh.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -57,16 +57,14 @@ pub(crate) fn encode(piece: &Piece, corner: Lattice, step: i32, attributes: Attr
         piece.triangles.iter().map(|t| t.map(|v| position_of[v as usize])).collect();
     let walk = connectivity::encode(first.len(), &triangles);
     let positions: Vec<Lattice> = walk.order.iter().map(|&p| at(first[p as usize])).collect();
-    let mut writer = BitWriter::default();
-    let mut numbers = [Numbers::default(); 3];
+    let (mut writer, mut numbers) = (BitWriter::default(), [Numbers::default(); 3]);
     for (v, origin) in walk.origins.iter().enumerate() {
         let guess = predicted(&positions[..v], *origin);
-        for k in 0..3 {
-            numbers[k].put(&mut writer, positions[v][k].wrapping_sub(guess[k]));
-        }
+        let off = [0, 1, 2].map(|k| positions[v][k].wrapping_sub(guess[k]));
+        Numbers::put(&mut numbers, &mut writer, off);
     }
-    let mut shape = (walk.bytes.len() as u32).to_le_bytes().to_vec();
-    shape.extend_from_slice(&walk.bytes);
+    let mut shape = Vec::new();
+    put_block(&walk.bytes, &mut shape);
     shape.extend(writer.finish());
     let (looks, vertices) = if attributes.any() && !piece.looks.is_empty() {
         looks::encode(piece, &position_of, &walk, &positions, attributes)
@@ -85,71 +83,43 @@ fn predicted(at: &[Lattice], origin: Origin) -> Lattice {
     [one(a[0], b[0], c[0]), one(a[1], b[1], c[1]), one(a[2], b[2], c[2])]
 }
 
-/// Follows a decoder: reads positions, and notes where vertices came from and which sides are on walls.
-struct Follow<'a> {
-    at: &'a mut Vec<Lattice>,
-    rims: &'a mut Vec<[u32; 2]>,
-    origins: Option<&'a mut Vec<Origin>>,
-    reader: BitReader<'a>,
-    numbers: [Numbers; 3],
-    /// Steps along an edge of the cell.
-    edge: i32,
-}
-
-impl Visitor for Follow<'_> {
-    #[inline(always)]
-    fn vertex(&mut self, origin: Origin) {
-        let [gx, gy, gz] = predicted(self.at, origin);
-        // Spelled out: closures over arrays are not inlined here, which halves the speed.
-        let [x, y, z] = &mut self.numbers;
-        let x = gx.wrapping_add(x.take(&mut self.reader));
-        let y = gy.wrapping_add(y.take(&mut self.reader));
-        let z = gz.wrapping_add(z.take(&mut self.reader));
-        self.at.push([x, y, z]);
-        if let Some(origins) = &mut self.origins {
-            origins.push(origin);
-        }
-    }
-
-    #[inline]
-    fn border(&mut self, from: u32, to: u32) {
-        let place = |v: u32| self.at.get(v as usize).copied().unwrap_or_default();
-        let (a, b) = (place(from), place(to));
-        if (0..3).any(|k| a[k] == b[k] && (a[k] == 0 || a[k] == self.edge)) {
-            self.rims.push([from, to]);
-        }
-    }
-}
-
-/// Decodes a shape of so many positions and triangles in a cell of `edge` steps; `false` for what no encoder wrote. Notes what
-/// [`decode_looks`] needs only if asked to.
+/// Decodes a shape of so many positions and triangles in a cell of `edge` steps; `false` for what no encoder wrote.
 pub(crate) fn decode_shape(
     bytes: &[u8],
     positions: u32,
     triangles: u32,
     edge: i32,
-    with_looks: bool,
     into: &mut Shape,
 ) -> bool {
-    let Shape { at, indices, rims, origins, scratch } = into;
-    at.clear();
-    indices.clear();
-    rims.clear();
-    origins.clear();
     // A letter has a bit at least, and a vertex three.
     let plausible =
         u64::from(triangles) <= 8 * bytes.len() as u64 && u64::from(positions) <= 8 * bytes.len() as u64;
-    let Some((length, rest)) = bytes.split_first_chunk::<4>().filter(|_| plausible) else { return false };
-    let Some((walk, values)) = rest.split_at_checked(u32::from_le_bytes(*length) as usize) else {
-        return false;
-    };
-    at.reserve(positions as usize);
-    indices.reserve(3 * triangles as usize);
-    let origins = with_looks.then_some(origins);
-    let reader = BitReader::new(values);
-    let mut follow = Follow { at, rims, origins, reader, numbers: [Numbers::default(); 3], edge };
-    let walked = connectivity::decode(walk, positions, triangles, scratch, &mut follow, indices);
-    walked.is_some() && !follow.reader.overran()
+    plausible && decode(bytes, positions as usize, triangles as usize, edge, into).is_some()
+}
+
+fn decode(mut bytes: &[u8], positions: usize, triangles: usize, edge: i32, into: &mut Shape) -> Option<()> {
+    let Shape { at, indices, rims, origins, scratch } = into;
+    indices.clear();
+    indices.resize(3 * triangles, 0);
+    origins.clear();
+    origins.resize(positions, Origin::default());
+    at.clear();
+    at.resize(positions, [0; 3]);
+    rims.clear();
+    let walk = take_block(&mut bytes)?;
+    connectivity::decode(walk, scratch, indices.as_chunks_mut::<3>().0, origins, rims)?;
+    let (mut reader, mut numbers) = (BitReader::new(bytes), [Numbers::default(); 3]);
+    for (v, &origin) in origins.iter().enumerate() {
+        let [x, y, z] = predicted(at, origin);
+        let off = Numbers::take(&mut numbers, &mut reader);
+        at[v] = [x.wrapping_add(off[0]), y.wrapping_add(off[1]), z.wrapping_add(off[2])];
+    }
+    // Of all sides with nothing beyond, those on a wall.
+    rims.retain(|&side| {
+        let [a, b] = side.map(|v| at.get(v as usize).copied().unwrap_or_default());
+        (0..3).any(|k| a[k] == b[k] && (a[k] == 0 || a[k] == edge))
+    });
+    (!reader.overran()).then_some(())
 }
 
 #[cfg(test)]
@@ -213,7 +183,7 @@ mod tests {
                 let coded = encode(&piece, [4096 - 40_000, 0, 0], 4, attributes);
                 let mut shape = Shape::default();
                 let (p, t) = (coded.positions, coded.triangles);
-                assert!(decode_shape(&coded.shape, p, t, 1 << 20, with_looks, &mut shape));
+                assert!(decode_shape(&coded.shape, p, t, 1 << 20, &mut shape));
                 let mut looks = Looks::default();
                 if with_looks && coded.vertices > 0 {
                     assert!(decode_looks(&coded.looks, coded.vertices, attributes, &mut shape, &mut looks));
@@ -239,7 +209,7 @@ mod tests {
         let piece = Piece { at, looks: vec![], triangles: vec![[0, 1, 2], [0, 2, 3]] };
         let coded = encode(&piece, [0; 3], 1, Attributes::default());
         let mut shape = Shape::default();
-        assert!(decode_shape(&coded.shape, 4, 2, 100, false, &mut shape));
+        assert!(decode_shape(&coded.shape, 4, 2, 100, &mut shape));
         let mut rims: Vec<i32> = shape.rims.iter().map(|r| shape.at[r[0] as usize][0]).collect();
         rims.sort_unstable();
         assert_eq!(rims, [0, 100]);

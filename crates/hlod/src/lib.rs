@@ -3,6 +3,7 @@
 //! | question | answer |
 //! |---|---|
 //! | how few triangles stand for a mesh within a distance | [`simplify()`], [`Simplified`] |
+//! | are two given surfaces within a distance | [`certify()`], [`Certification`] |
 //! | how does a surface of any size get into levels of detail | [`build()`], in batches of triangles |
 //! | what is in such a file | [`Store`], [`Tree`], [`NodeMesh`] |
 //! | which nodes does a view need, and how wrong is it | [`Selector`], [`Selection`] |
@@ -53,6 +54,7 @@ mod flood;
 mod frame;
 mod gather;
 mod original;
+mod pair;
 mod piece;
 mod polygon;
 mod prefetch;
@@ -69,6 +71,7 @@ pub use build::{BuildOptions, BuildReport, LevelReport, Progress, Stage, build, 
 pub use casters::{CasterLight, Casters, ReceiverBox, receiver_boxes, select_casters};
 pub use error::HlodError;
 pub use glam;
+pub use pair::{Certification, certify};
 pub use prefetch::{PrefetchOptions, movement_until_needed, prefetch};
 pub use select::{Drawn, Selection, Selector, ViewOptions};
 pub use simplify::{Simplified, SimplifyOptions, Tier, simplify};

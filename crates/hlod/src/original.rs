@@ -91,7 +91,7 @@ impl Original {
 }
 
 /// Position along a curve through the frame's cube.
-fn morton(p: DVec3) -> u64 {
+pub(crate) fn morton(p: DVec3) -> u64 {
     let spread = |x: f64| {
         let mut v = ((x * 0.5 + 0.5) * f64::from(1 << 20)) as u64 & 0xf_ffff;
         v = (v | v << 32) & 0x1f_0000_0000_ffff;

@@ -302,7 +302,7 @@ impl Measure<'_> {
     }
 
     fn distance(&self, of: &TriangleMesh, around: &TriangleMesh, whole: &TriangleMesh) -> f64 {
-        let options = HausdorffOptions::new(MEASURE_SHARE * self.tolerance).with_max_splits(MEASURE_SPLITS);
+        let options = measuring(self.tolerance);
         // The distance to a part is never below that to the whole: where it is good enough, it need not be looked for any farther. Nearly everything
         // is no part.
         if !around.is_empty() && 4 * around.triangles().len() < whole.triangles().len() {
@@ -320,8 +320,13 @@ impl Measure<'_> {
     }
 }
 
+/// How exactly what was not certified is measured.
+pub(crate) fn measuring(tolerance: f64) -> HausdorffOptions {
+    HausdorffOptions::new(MEASURE_SHARE * tolerance).with_max_splits(MEASURE_SPLITS)
+}
+
 /// The tolerance in the frame, what rounding may need taken off.
-fn usable_tolerance(mesh: &TriangleMesh, frame: &Frame, tolerance: f64) -> Result<f64, HlodError> {
+pub(crate) fn usable_tolerance(mesh: &TriangleMesh, frame: &Frame, tolerance: f64) -> Result<f64, HlodError> {
     if !(tolerance >= 0.0 && tolerance.is_finite()) {
         return Err(HlodError::Tolerance { tolerance });
     }

@@ -189,7 +189,7 @@ pub(crate) fn decode(
         return Err("the checksum of its shape is wrong");
     }
     looks.clear();
-    if !decode_shape(coded_shape, stored.positions, stored.triangles, edge, with_looks, shape) {
+    if !decode_shape(coded_shape, stored.positions, stored.triangles, edge, shape) {
         return Err("its shape makes no sense");
     }
     if with_looks {

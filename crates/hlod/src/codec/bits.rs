@@ -1,7 +1,10 @@
 //! Bits, and numbers in few of them.
 
-/// Ones in a row after which a number follows as it is.
-const ESCAPE: u32 = 24;
+/// Ones in a row after which a number follows with its size. Three such rows fit in what a reader holds at least.
+const ESCAPE: u32 = 16;
+
+/// Most low bits of a number that are written as they are; three times as many fit as well.
+const MOST_LOW: u32 = 18;
 
 /// Writes bits, the lowest first.
 #[derive(Clone, Debug, Default)]
@@ -36,6 +39,39 @@ impl BitWriter {
         self.put(bits, 6);
         self.put(value, bits);
     }
+}
+
+/// Appends a block of bytes after its length: seven bits a byte, the highest says whether more follow.
+pub(crate) fn put_block(block: &[u8], out: &mut Vec<u8>) {
+    let mut length = block.len();
+    while length >= 128 {
+        out.push(length as u8 | 128);
+        length >>= 7;
+    }
+    out.push(length as u8);
+    out.extend_from_slice(block);
+}
+
+/// Takes a block from the front. `None` where none is.
+pub(crate) fn take_block<'a>(bytes: &mut &'a [u8]) -> Option<&'a [u8]> {
+    let mut length = 0usize;
+    for shift in [0, 7, 14, 21, 28] {
+        let (&byte, rest) = bytes.split_first()?;
+        *bytes = rest;
+        length |= usize::from(byte & 127) << shift;
+        if byte < 128 {
+            let (block, rest) = bytes.split_at_checked(length)?;
+            *bytes = rest;
+            return Some(block);
+        }
+    }
+    None
+}
+
+/// Bits that tell so many apart.
+#[inline(always)]
+pub(crate) fn bits_for(count: u32) -> u32 {
+    32 - (count.max(1) - 1).leading_zeros()
 }
 
 /// Reads what a [`BitWriter`] wrote. Past the end there are zeros; [`overran`](Self::overran) says so.
@@ -143,7 +179,7 @@ impl Numbers {
     /// Low bits that are written as they are: the best number for a geometric distribution is the mean's power of two.
     #[inline(always)]
     fn low_bits(&self) -> u32 {
-        31 - ((self.mean >> 4) | 1).leading_zeros()
+        (31 - ((self.mean >> 4) | 1).leading_zeros()).min(MOST_LOW)
     }
 
     #[inline(always)]
@@ -152,33 +188,67 @@ impl Numbers {
         self.mean = self.mean - (self.mean >> 4) + z.min(1 << 20);
     }
 
-    pub(crate) fn put(&mut self, writer: &mut BitWriter, value: i32) {
-        let (z, k) = (zigzag(value), self.low_bits());
-        let high = z >> k;
-        if high < ESCAPE {
-            writer.put((1u32 << high) - 1, high + 1);
-            writer.put(z & ((1 << k) - 1), k);
-        } else {
-            writer.put((1u32 << ESCAPE) - 1, ESCAPE);
-            writer.put(z, 32);
+    /// Writes a few numbers, each with its own parameter: first what is above the low bits of each, in ones that a zero ends, then all low bits.
+    pub(crate) fn put<const N: usize>(all: &mut [Self; N], writer: &mut BitWriter, values: [i32; N]) {
+        let (z, k) = (values.map(zigzag), all.map(|n| n.low_bits()));
+        for i in 0..N {
+            match z[i] >> k[i] {
+                high if high < ESCAPE => writer.put((1u32 << high) - 1, high + 1),
+                _ => writer.put((1u32 << ESCAPE) - 1, ESCAPE),
+            }
         }
-        self.learn(z);
+        for i in 0..N {
+            if z[i] >> k[i] < ESCAPE {
+                writer.put(z[i] & ((1 << k[i]) - 1), k[i]);
+            } else {
+                writer.put_gamma(z[i]);
+            }
+            all[i].learn(z[i]);
+        }
     }
 
+    /// Reads at most three numbers.
     #[inline(always)]
-    pub(crate) fn take(&mut self, reader: &mut BitReader) -> i32 {
-        let k = self.low_bits();
+    pub(crate) fn take<const N: usize>(all: &mut [Self; N], reader: &mut BitReader) -> [i32; N] {
+        const { assert!(N as u32 * ESCAPE <= 56 && N as u32 * MOST_LOW <= 56) };
         reader.refill();
-        let high = (!reader.held).trailing_zeros();
-        let z = if high < ESCAPE {
-            reader.skip(high + 1);
-            high << k | reader.take_held(k)
-        } else {
-            reader.skip(ESCAPE);
-            reader.take(32)
-        };
-        self.learn(z);
-        unzigzag(z)
+        let (mut z, mut longest, mut used) = ([0; N], 0, 0);
+        let mut held = reader.held;
+        for z in &mut z {
+            *z = (!held).trailing_zeros();
+            longest = longest.max(*z);
+            held = held >> (*z & 31) >> 1;
+            used += *z + 1;
+        }
+        if longest >= ESCAPE {
+            return Self::take_long(all, reader);
+        }
+        (reader.held, reader.count) = (held, reader.count - used);
+        let low: [u32; N] = std::array::from_fn(|i| all[i].low_bits());
+        if reader.count < low.iter().sum() {
+            reader.refill();
+        }
+        for i in 0..N {
+            z[i] = z[i] << low[i] | reader.take_held(low[i]);
+            all[i].learn(z[i]);
+        }
+        z.map(unzigzag)
+    }
+
+    /// The same for numbers of any length.
+    #[cold]
+    fn take_long<const N: usize>(all: &mut [Self; N], reader: &mut BitReader) -> [i32; N] {
+        let high: [u32; N] = std::array::from_fn(|_| {
+            let ones = (!reader.peek(ESCAPE)).trailing_zeros().min(ESCAPE);
+            reader.skip((ones + 1).min(ESCAPE));
+            ones
+        });
+        std::array::from_fn(|i| {
+            let k = all[i].low_bits();
+            let z = if high[i] < ESCAPE { high[i] << k | reader.take(k) } else { reader.take_gamma() };
+            all[i].learn(z);
+            unzigzag(z)
+        })
     }
 }
 
@@ -201,17 +271,17 @@ mod tests {
             .chain([i32::MIN, i32::MAX, 0, -1, 1])
             .collect();
         let mut writer = BitWriter::default();
-        let mut numbers = Numbers::default();
-        for &v in &values {
-            numbers.put(&mut writer, v);
-            writer.put_gamma(v as u32);
+        let mut numbers = [Numbers::default(); 3];
+        for v in values.windows(3) {
+            Numbers::put(&mut numbers, &mut writer, [v[0], v[1], v[2]]);
+            writer.put_gamma(v[1] as u32);
         }
         writer.put(5, 3);
         let bytes = writer.finish();
-        let (mut reader, mut numbers) = (BitReader::new(&bytes), Numbers::default());
-        for &v in &values {
-            assert_eq!(numbers.take(&mut reader), v);
-            assert_eq!(reader.take_gamma(), v as u32);
+        let (mut reader, mut numbers) = (BitReader::new(&bytes), [Numbers::default(); 3]);
+        for v in values.windows(3) {
+            assert_eq!(Numbers::take(&mut numbers, &mut reader), v);
+            assert_eq!(reader.take_gamma(), v[1] as u32);
         }
         assert_eq!(reader.take(3), 5);
         assert!(!reader.overran());
@@ -222,9 +292,9 @@ mod tests {
     #[test]
     fn small_numbers_take_few_bits() {
         let mut writer = BitWriter::default();
-        let mut numbers = Numbers::default();
+        let mut numbers = [Numbers::default()];
         for i in 0..8000 {
-            numbers.put(&mut writer, [0, 1, -1, 2, -2, 0, 3, -3][i % 8]);
+            Numbers::put(&mut numbers, &mut writer, [[0, 1, -1, 2, -2, 0, 3, -3][i % 8]]);
         }
         let bits = writer.finish().len() * 8;
         assert!(bits < 8000 * 13 / 4, "{bits}");

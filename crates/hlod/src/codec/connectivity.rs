@@ -4,7 +4,7 @@
 //! front's next or previous side (R, L; E: of both, which closes the front), or some other known one (S); or there is none (B). After Gumhold & Straßer
 //! 1998 and Rossignac 1999; any soup can be walked over, since a front need not be a simple curve.
 
-use super::bits::{BitReader, BitWriter};
+use super::bits::{BitReader, BitWriter, bits_for, put_block, take_block};
 
 const NONE: u32 = u32::MAX;
 
@@ -113,8 +113,8 @@ impl Front {
     }
 }
 
-/// A new corner, and the corners that it is predicted from: a side and the corner opposite to it.
-#[derive(Clone, Copy, Debug)]
+/// The corners that a new one is predicted from: a side and the corner opposite to it.
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Origin {
     pub from: u32,
     pub to: u32,
@@ -231,8 +231,8 @@ struct Encoder<'a> {
     new_id: Vec<u32>,
     walk: Walk,
     letters: Vec<Letter>,
-    /// For each start and each S: distances back to known corners plus one, zero for new ones.
-    references: Vec<u32>,
+    /// For each start and each S: distances back to known corners, zero for new ones.
+    references: BitWriter,
 }
 
 fn is_flat([a, b, c]: [u32; 3]) -> bool {
@@ -256,7 +256,7 @@ impl<'a> Encoder<'a> {
             new_id: vec![NONE; vertices],
             walk: Walk::default(),
             letters: Vec::with_capacity(triangles.len() * 5 / 4),
-            references: Vec::new(),
+            references: BitWriter::default(),
         }
     }
 
@@ -289,11 +289,11 @@ impl<'a> Encoder<'a> {
             let known = self.new_id[old[i] as usize];
             let now = self.walk.order.len() as u32;
             corners[i] = if known == NONE {
-                self.references.push(0);
+                self.references.put(0, bits_for(now + 1));
                 let last = if i > 0 { corners[i - 1] } else { now.saturating_sub(1) };
                 self.create(old[i], Origin { from: last, to: last, apex: last })
             } else {
-                self.references.push(now - known);
+                self.references.put(now - known, bits_for(now + 1));
                 known
             };
         }
@@ -351,7 +351,8 @@ impl<'a> Encoder<'a> {
             at
         } else {
             self.letters.push(Known);
-            self.references.push(self.walk.order.len() as u32 - known);
+            let now = self.walk.order.len() as u32;
+            self.references.put(now - known, bits_for(now + 1));
             front.divide(at, known)
         }
     }
@@ -373,24 +374,10 @@ impl<'a> Encoder<'a> {
             letters.put(codes[context][letter_index], alphabet.lengths[context][letter_index]);
             before = letter;
         }
-        let letters = letters.finish();
-        let mut writer = BitWriter::default();
-        for &r in &self.references {
-            writer.put_gamma(r);
-        }
-        self.walk.bytes = (letters.len() as u32).to_le_bytes().to_vec();
-        self.walk.bytes.extend(letters);
-        self.walk.bytes.extend(writer.finish());
+        put_block(&letters.finish(), &mut self.walk.bytes);
+        self.walk.bytes.extend(std::mem::take(&mut self.references).finish());
         self.walk
     }
-}
-
-/// What a decoder is told on the way.
-pub(super) trait Visitor {
-    /// A new vertex, numbered on.
-    fn vertex(&mut self, origin: Origin);
-    /// A side that nothing is beyond.
-    fn border(&mut self, from: u32, to: u32);
 }
 
 /// Buffers of a decoder.
@@ -399,42 +386,37 @@ pub(super) struct Scratch {
     front: Front,
 }
 
-/// Decodes so many triangles over so many vertices. `None` for what no encoder wrote.
+/// Decodes triangles over vertices, as many as there are slots for. `borders` gets the sides that nothing is beyond. `None` for what no encoder wrote; a vertex
+/// only has an origin among those before it, the first one itself.
 pub(super) fn decode(
     bytes: &[u8],
-    vertices: u32,
-    count: u32,
     scratch: &mut Scratch,
-    visitor: &mut impl Visitor,
-    triangles: &mut Vec<u32>,
+    triangles: &mut [[u32; 3]],
+    origins: &mut [Origin],
+    borders: &mut Vec<[u32; 2]>,
 ) -> Option<()> {
-    let (length, rest) = bytes.split_first_chunk::<4>()?;
-    let (letters, references) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-    let mut letters = BitReader::new(letters);
-    let mut references = BitReader::new(references);
+    let mut rest = bytes;
+    let mut letters = BitReader::new(take_block(&mut rest)?);
+    let mut references = BitReader::new(rest);
     let table = Alphabet::table(&mut letters)?;
     let front = &mut scratch.front;
-    let (mut known, mut left, mut at) = (0u32, count, NONE);
+    let (mut known, mut at) = (0u32, NONE);
     let mut context = Border as usize;
-    while left > 0 || at != NONE {
+    let mut slots = triangles.iter_mut();
+    loop {
         if at == NONE {
-            let mut corners = [0u32; 3];
+            let Some(slot) = slots.next() else { break };
             for i in 0..3 {
-                let back = references.take_gamma();
-                corners[i] = known.checked_sub(back)?;
+                let back = references.take(bits_for(known + 1));
+                slot[i] = known.checked_sub(back)?;
                 if back == 0 {
-                    if known == vertices {
-                        return None;
-                    }
-                    let last = if i > 0 { corners[i - 1] } else { known.saturating_sub(1) };
-                    visitor.vertex(Origin { from: last, to: last, apex: last });
+                    let last = if i > 0 { slot[i - 1] } else { known.saturating_sub(1) };
+                    *origins.get_mut(known as usize)? = Origin { from: last, to: last, apex: last };
                     known += 1;
                 }
             }
-            triangles.extend(corners);
-            left -= 1;
-            if !is_flat(corners) {
-                at = front.begin(corners);
+            if !is_flat(*slot) {
+                at = front.begin(*slot);
             }
             if references.overran() {
                 return None;
@@ -449,21 +431,17 @@ pub(super) fn decode(
         context = usize::from(entry & 7);
         let Side { from, to, apex, previous, next } = front.sides[at as usize];
         if context == Border as usize {
-            visitor.border(from, to);
+            borders.push([from, to]);
             at = front.unlink(at);
             if letters.overran() {
                 return None;
             }
             continue;
         }
-        left = left.checked_sub(1)?;
         let tip;
         match LETTERS[context] {
             New => {
-                if known == vertices {
-                    return None;
-                }
-                visitor.vertex(Origin { from, to, apex });
+                *origins.get_mut(known as usize)? = Origin { from, to, apex };
                 tip = known;
                 known += 1;
                 at = front.divide(at, tip);
@@ -481,7 +459,7 @@ pub(super) fn decode(
                 at = front.close(at);
             }
             Known => {
-                tip = known.checked_sub(references.take_gamma())?;
+                tip = known.checked_sub(references.take(bits_for(known + 1)))?;
                 if tip >= known {
                     return None;
                 }
@@ -489,30 +467,15 @@ pub(super) fn decode(
             }
             Border => return None,
         }
-        triangles.extend([from, to, tip]);
+        *slots.next()? = [from, to, tip];
     }
-    (known == vertices && !letters.overran() && !references.overran()).then_some(())
+    (known as usize == origins.len() && !letters.overran() && !references.overran()).then_some(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use farsight_geometry::hard_cases;
-
-    #[derive(Default)]
-    struct Count {
-        vertices: u32,
-        borders: Vec<[u32; 2]>,
-    }
-
-    impl Visitor for Count {
-        fn vertex(&mut self, _: Origin) {
-            self.vertices += 1;
-        }
-        fn border(&mut self, from: u32, to: u32) {
-            self.borders.push([from, to]);
-        }
-    }
 
     /// Triangles as sorted cycles, the smallest corner first.
     fn cycles(triangles: impl Iterator<Item = [u32; 3]>) -> Vec<[u32; 3]> {
@@ -527,17 +490,15 @@ mod tests {
         let meshes = hard_cases::meshes().into_iter().map(|h| (h.name, h.mesh.welded().mesh));
         for (name, mesh) in meshes.chain([("ball", hard_cases::bumpy_ball(20))]) {
             let walk = encode(mesh.positions().len(), mesh.triangles());
-            let mut count = Count::default();
-            let mut out = Vec::new();
-            let (vertices, triangles) = (walk.order.len() as u32, mesh.triangles().len() as u32);
-            decode(&walk.bytes, vertices, triangles, &mut Scratch::default(), &mut count, &mut out)
+            let mut out = vec![[0; 3]; mesh.triangles().len()];
+            let (mut origins, mut borders) = (vec![Origin::default(); walk.order.len()], Vec::new());
+            decode(&walk.bytes, &mut Scratch::default(), &mut out, &mut origins, &mut borders)
                 .unwrap_or_else(|| panic!("{name}"));
-            assert_eq!(count.vertices, vertices, "{name}");
-            let old = out.as_chunks::<3>().0.iter().map(|t| t.map(|v| walk.order[v as usize]));
+            let old = out.iter().map(|t| t.map(|v| walk.order[v as usize]));
             assert_eq!(cycles(old), cycles(mesh.triangles().iter().copied()), "{name}");
             if name == "ball" {
-                assert!(count.borders.len() < 40, "{}", count.borders.len());
-                let bits = walk.bytes.len() as f64 * 8.0 / f64::from(triangles);
+                assert!(borders.len() < 40, "{}", borders.len());
+                let bits = walk.bytes.len() as f64 * 8.0 / out.len() as f64;
                 assert!(bits < 2.0, "{bits} bits a triangle");
             }
         }
@@ -547,7 +508,7 @@ mod tests {
     fn nonsense_ends_without_an_answer() {
         let ball = hard_cases::bumpy_ball(6);
         let walk = encode(ball.positions().len(), ball.triangles());
-        let (vertices, triangles) = (walk.order.len() as u32, ball.triangles().len() as u32);
+        let vertices = walk.order.len();
         let mut seed = 3u64;
         for i in 0..20_000u64 {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(i | 1);
@@ -555,10 +516,14 @@ mod tests {
             let at = (seed >> 32) as usize % bytes.len();
             bytes[at] ^= 1 << (seed >> 20 & 7);
             bytes.truncate(bytes.len() - (seed >> 50) as usize % 3);
-            let mut out = Vec::new();
-            let mut count = Count::default();
-            let _ = decode(&bytes, vertices, triangles, &mut Scratch::default(), &mut count, &mut out);
-            assert!(out.len() <= 3 * triangles as usize && out.iter().all(|&v| v < vertices));
+            let mut out = vec![[0; 3]; ball.triangles().len()];
+            let (mut origins, mut borders) = (vec![Origin::default(); vertices], Vec::new());
+            if decode(&bytes, &mut Scratch::default(), &mut out, &mut origins, &mut borders).is_some() {
+                let sides = out.as_flattened().iter().chain(borders.as_flattened());
+                let all = sides.chain(origins.iter().flat_map(|o| [&o.from, &o.to, &o.apex]));
+                assert!(all.into_iter().all(|&v| (v as usize) < vertices));
+            }
+            assert!(borders.len() <= 3 * out.len());
         }
     }
 }

@@ -5,9 +5,9 @@ use crate::piece::Attributes;
 use crate::tree::{Node, Steps, Stored};
 
 /// First bytes of a file.
-pub(crate) const MAGIC: &[u8; 16] = b"farsight-hlod-1\n";
+pub(crate) const MAGIC: &[u8; 16] = b"farsight-hlod-2\n";
 /// Last bytes of a file.
-pub(super) const END: &[u8; 8] = b"fs-hlod1";
+pub(super) const END: &[u8; 8] = b"fs-hlod2";
 /// Offset and length of the index, its CRC-32, the footer's own, end mark.
 pub(super) const FOOTER: usize = 8 + 8 + 4 + 4 + 8;
 /// Bytes of the index before the nodes: attributes, steps, cube, resolution, input triangles, nodes.

@@ -3,20 +3,22 @@
 //! ```text
 //! cargo bench --bench hlod                      everything; 20 M triangles where memory is measured
 //! cargo bench --bench hlod -- --quick           small surfaces
-//! cargo bench --bench hlod -- --only build      one part: build, threads, memory, path
+//! cargo bench --bench hlod -- --only build      one part: build, certify, points, threads, memory, path
 //! ```
 //!
 //! With `FARSIGHT_DATA` set, scanned surfaces are built as well.
 
-use farsight_geometry::glam::{DVec3, Vec3};
-use farsight_geometry::{Camera, ClipConvention, TriangleMesh, hard_cases, io};
+mod path;
+mod points;
+mod shadows;
+
+use farsight_geometry::glam::Vec3;
+use farsight_geometry::{TriangleMesh, hard_cases, io};
 use farsight_hlod::{
-    BuildOptions, BuildReport, HlodError, Mesh, NodeMesh, Selection, Selector, Splats, Store, Tier,
-    ViewOptions, build, no_progress,
+    BuildOptions, BuildReport, HlodError, Mesh, NodeMesh, SimplifyOptions, Splats, Store, Tier, build,
+    certify, no_progress, simplify,
 };
-use farsight_raster::{
-    Draw, LineDraw, Outputs, PointDraw, Rasteriser, Splat, State, Target, thread_cpu_time,
-};
+use farsight_raster::thread_cpu_time;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -34,6 +36,9 @@ fn main() -> Outcome {
     if wanted("build") {
         rates(quick)?;
     }
+    if wanted("certify") {
+        certification(quick)?;
+    }
     if wanted("threads") {
         threads(quick)?;
     }
@@ -41,7 +46,7 @@ fn main() -> Outcome {
         memory(if quick { &[200_000] } else { &[2_000_000, 20_000_000] })?;
     }
     if wanted("path") {
-        path(quick)?;
+        path::tables(quick)?;
     }
     Ok(())
 }
@@ -73,8 +78,18 @@ fn with_normals(mesh: &TriangleMesh) -> TriangleMesh {
 
 fn surfaces(quick: bool) -> Result<Vec<(String, TriangleMesh)>, Box<dyn Error>> {
     let mut all = vec![("wrinkled ball".to_owned(), generated(if quick { 30 } else { 120 }))];
+    all.extend(scanned(
+        quick,
+        &["stanford_bunny.obj", "igea.glb", "armadillo.obj", "lucy.glb", "lion_statue.obj"],
+    )?);
+    Ok(all)
+}
+
+/// Surfaces from the data folder, with normals.
+fn scanned(quick: bool, names: &[&str]) -> Result<Vec<(String, TriangleMesh)>, Box<dyn Error>> {
+    let mut all = Vec::new();
     let Some(folder) = std::env::var_os("FARSIGHT_DATA").filter(|_| !quick) else { return Ok(all) };
-    for name in ["stanford_bunny.obj", "igea.glb", "armadillo.obj", "lucy.glb", "lion_statue.obj"] {
+    for name in names {
         let path = Path::new(&folder).join(name);
         if path.exists() {
             let scene = io::load(&path)?.into_scene().ok_or("no triangles")?;
@@ -170,6 +185,39 @@ fn decode_rate(store: &Store) -> Result<f64, Box<dyn Error>> {
     Ok(best)
 }
 
+/// Triangles of the original per second of CPU time, for given pairs; nothing else is in it.
+fn certification(quick: bool) -> Outcome {
+    println!(
+        "\ncertifying a given pair, both directions, at 1/512 of the diagonal (floor 1 M triangles/s); prepared: sorted, neighbours found"
+    );
+    println!(
+        "{:<16} {:>9} {:>9} {:>10} {:>9} {:>9} {:>12}",
+        "surface", "triangles", "faces", "Mtri/s", "measured", "visits", "bound/asked"
+    );
+    for (name, mesh) in surfaces(quick)? {
+        let tolerance = mesh.world_bounds().diagonal() / 512.0;
+        let options = SimplifyOptions::default().with_tier(Tier::Verified).with_appearance(false);
+        let simple = simplify(&mesh, tolerance, &options)?.mesh;
+        let (mut best, mut found) = (f64::INFINITY, None);
+        for _ in 0..5 {
+            let start = thread_cpu_time();
+            found = Some(certify(&mesh, &simple, tolerance)?);
+            best = best.min((thread_cpu_time() - start).as_secs_f64());
+        }
+        let found = found.ok_or("no run")?;
+        println!(
+            "{name:<16} {:>9} {:>9} {:>10.2} {:>9} {:>9} {:>12.3}",
+            mesh.triangles().len(),
+            simple.triangles().len(),
+            mesh.triangles().len() as f64 / best / 1e6,
+            found.measured,
+            found.cost.counters.get("visits"),
+            found.bound.value / tolerance
+        );
+    }
+    Ok(())
+}
+
 fn threads(quick: bool) -> Outcome {
     let mesh = generated(if quick { 40 } else { 140 });
     let path = temp("threads");
@@ -245,88 +293,4 @@ fn memory(counts: &[u64]) -> Outcome {
             .status()?;
     }
     Ok(())
-}
-
-/// Tables 3 and 4: one camera path at half a pixel, three kinds of meshes.
-fn path(quick: bool) -> Outcome {
-    let mesh = generated(if quick { 40 } else { 140 });
-    let file = temp("path");
-    let options = BuildOptions::default().with_tier(Tier::Verified).with_most_triangles(2000);
-    built(&mesh, &file, &options)?;
-    let store = Store::open(&file)?;
-    println!("\na path of 24 views from 1.3 to 40 radii at half a pixel, 640 x 480, per frame:");
-    println!("{:<30} {:>9} {:>9} {:>9} {:>11}", "levels", "triangles", "points", "kB disk", "raster ms");
-    for (name, which, points) in [
-        ("with appearance", Mesh::Full, false),
-        ("with appearance, points", Mesh::Full, true),
-        ("shape alone", Mesh::Shape, false),
-    ] {
-        let (mut triangles, mut splat_count, mut bytes, mut time) = (0, 0, 0, std::time::Duration::ZERO);
-        let (mut selector, mut selection) = (Selector::new(), Selection::default());
-        const FRAMES: u32 = 24;
-        for frame in 0..FRAMES {
-            let t = f64::from(frame) / f64::from(FRAMES - 1);
-            let distance = 1.3 * (40.0f64 / 1.3).powf(t);
-            let eye = DVec3::new((3.0 * t).sin(), -(3.0 * t).cos(), 0.4).normalize() * distance;
-            let camera =
-                Camera::look_at(eye, DVec3::ZERO, DVec3::Z)?.with_range(0.05, 100.0)?.with_image(640, 480)?;
-            selector.select(
-                store.tree(),
-                &camera,
-                &ViewOptions::error(0.5).with_mesh(which),
-                |_| true,
-                &mut selection,
-            );
-            let mut target = Target::new(640, 480, Outputs::DEPTH)?;
-            for d in &selection.drawn {
-                let mut node = NodeMesh::default();
-                store.read(d.node, which, &mut node)?;
-                bytes += store.tree().disk_bytes(d.node, which);
-                let mut splats = Splats::default();
-                splats.fill(&node, if points { store.tree().error(d.node, which).value } else { 0.0 });
-                triangles += splats.indices.len() as u64 / 3;
-                splat_count += splats.positions.len() as u64;
-                let start = thread_cpu_time();
-                draw(&mut target, &camera, &node, &splats);
-                time += thread_cpu_time() - start;
-            }
-        }
-        let each = |n: u64| n / u64::from(FRAMES);
-        println!(
-            "{name:<30} {:>9} {:>9} {:>9.1} {:>11.2}",
-            each(triangles),
-            each(splat_count),
-            each(bytes) as f64 / 1e3,
-            time.as_secs_f64() * 1e3 / f64::from(FRAMES)
-        );
-    }
-    std::fs::remove_file(&file)?;
-    Ok(())
-}
-
-fn draw(target: &mut Target, camera: &Camera, node: &NodeMesh, splats: &Splats) {
-    let clip = camera.clip_from_relative_f64(ClipConvention::REVERSED, node.origin);
-    let state = State::default();
-    let triangles = splats.indices.as_chunks::<3>().0;
-    let mut rasteriser = Rasteriser::new();
-    rasteriser.draw(target, &Draw { positions: &node.positions, triangles, clip_from_local: clip, state });
-    let segments: Vec<[Vec3; 2]> = node.rims.iter().map(|r| r.map(|v| node.positions[v as usize])).collect();
-    let colour = farsight_geometry::glam::Vec4::ONE;
-    rasteriser.draw_lines(
-        target,
-        &LineDraw { segments: &segments, colour, width_px: 1, clip_from_local: clip, state },
-    );
-    if !splats.positions.is_empty() {
-        let size = 2.0 * camera.error_px(splats.radius.into(), camera.eye().distance(node.origin)) as f32;
-        let (colours, splat) = (&[][..], Splat::Square);
-        let points = PointDraw {
-            positions: &splats.positions,
-            colours,
-            sizes_px: &[size],
-            splat,
-            clip_from_local: clip,
-            state,
-        };
-        rasteriser.draw_points(target, &points);
-    }
 }
