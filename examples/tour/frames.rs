@@ -11,7 +11,7 @@ use crate::planning::Planning;
 use crate::sun::{ShadowReport, Stage, Sun};
 use farsight_geometry::bvh::Bvh;
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
-use farsight_plan::{Budget, Choice, Effect, Layout, ObjectView, Plan};
+use farsight_plan::{Budget, Choice, Effect, Layout, ObjectView, Plan, Tolerances};
 use farsight_raster::{
     Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, Target, mip_maps, render_scene, thread_cpu_time,
 };
@@ -27,7 +27,7 @@ pub struct FrameReport {
     /// What was decided; `None` where everything runs.
     pub plan: Option<Plan>,
     pub counters: Counters,
-    /// The sun's map, if one was drawn.
+    /// The sun's maps, if any were drawn.
     pub shadow: Option<ShadowReport>,
     /// Pictures that stood for objects.
     pub pictures: PictureReport,
@@ -72,7 +72,7 @@ pub struct Renderer<'a> {
     receivers: Vec<DAabb>,
     options: RenderOptions<'a>,
     map_side: u32,
-    position_px: f64,
+    tolerances: Tolerances,
 }
 
 /// The scene as the sun sees it, from some of the renderer's fields.
@@ -121,7 +121,7 @@ impl<'a> Renderer<'a> {
             receivers: Vec::new(),
             options,
             map_side,
-            position_px: budget.tolerances.position_px,
+            tolerances: budget.tolerances,
             scene,
         })
     }
@@ -159,14 +159,12 @@ impl<'a> Renderer<'a> {
         let predicted = plan.cost + self.planning.constant();
         let choice = |effect| plan.decision(effect).map_or(Choice::Nothing, |d| d.choice);
         let map = match choice(Effect::Shadow { light: 0 }) {
-            Choice::Map { layout, side, .. } => {
-                self.draw_map(side, layout != Layout::Uniform, Some(camera))?
-            }
+            Choice::Map { layout, side, .. } => self.draw_map(camera, side, layout, true)?,
             _ => None,
         };
         let (map, shadow) = map.unzip();
 
-        let allowed_px = self.position_px * plan.allowed;
+        let allowed_px = self.tolerances.position_px * plan.allowed;
         if let Some(movers) = &mut self.movers {
             let coarser = |o: u32| {
                 matches!(plan.objects()[o as usize].choice, Choice::Detail { .. } | Choice::Impostor { .. })
@@ -265,11 +263,12 @@ impl<'a> Renderer<'a> {
         Ok(self.planning.plan(all, light, cell, jumped)?.clone())
     }
 
-    /// Draws without a plan: all triangles of everything in view, the largest shadow map.
+    /// Draws without a plan: all triangles of everything in view, the finest shadow maps.
     pub fn everything(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = thread_cpu_time();
         self.fit(camera)?;
-        let (map, shadow) = self.draw_map(self.map_side, true, None)?.unzip();
+        let finest = self.sun.as_ref().map_or(Layout::Warped, Sun::finest);
+        let (map, shadow) = self.draw_map(camera, self.map_side, finest, false)?.unzip();
         let mut objects = Vec::with_capacity(self.receivers.len());
         self.hierarchy.frustum(&Frustum::from_camera(camera), |object, _| objects.push(object));
         let mut look = self.options;
@@ -304,26 +303,28 @@ impl<'a> Renderer<'a> {
         Ok(camera.with_image(camera.width() * n, camera.height() * n)?)
     }
 
-    /// Finds what is in view, and fits the sun's map to it.
+    /// Finds what is in view, and fits the sun's maps to it.
     fn fit(&mut self, camera: &Camera) -> Result<(), Box<dyn Error>> {
         self.receivers.clear();
         let seen = Frustum::from_camera(camera);
         self.hierarchy.frustum(&seen, |object, _| self.receivers.push(self.bounds[object as usize]));
         let stage = stage!(self);
-        self.sun.as_mut().map_or(Ok(()), |sun| sun.fit(camera, &stage, &self.receivers))
+        let texel_px = self.tolerances.texel_px;
+        self.sun.as_mut().map_or(Ok(()), |sun| sun.fit(camera, &stage, &self.receivers, texel_px))
     }
 
-    /// Draws the sun's map, where there is need of one; with casters as coarse as their shadows may be for a camera, or in full.
+    /// Draws the sun's maps, where there is need of any; with casters as coarse as their shadows may be, or in full.
     fn draw_map(
         &mut self,
+        camera: &Camera,
         side: u32,
-        warped: bool,
-        camera: Option<&Camera>,
+        layout: Layout,
+        coarse: bool,
     ) -> Result<Option<(ShadowMap, ShadowReport)>, Box<dyn Error>> {
         let stage = stage!(self);
         let Some(sun) = &mut self.sun else { return Ok(None) };
-        let Some(view) = sun.view(side, warped) else { return Ok(None) };
-        Ok(Some(sun.draw(&mut self.rasteriser, view, &stage, camera)?))
+        let views = sun.views(camera, &stage, &self.receivers, side, layout)?;
+        sun.draw(&mut self.rasteriser, &views, &stage, camera, coarse)
     }
 
     /// What became of the pictures so far, in words.

@@ -1,6 +1,7 @@
 //! What each frame needs: numbers of the scene and the view, a plan, and costs learned from frames.
 
 use crate::forms::Forms;
+use crate::sun::MOST_CASCADES;
 use farsight_geometry::glam::DMat3;
 use farsight_geometry::scene::{AlphaMode, Instance};
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
@@ -90,7 +91,7 @@ impl<'a> Planning<'a> {
             stretch: scene.instances().iter().map(stretch).collect(),
             seen: Vec::new(),
             lights: most_side
-                .map(|most_side| LightSummary { most_side, most_cascades: 1, most_taps: 0 })
+                .map(|most_side| LightSummary { most_side, most_cascades: MOST_CASCADES, most_taps: 0 })
                 .into_iter()
                 .collect(),
             planner: Planner::new(),

@@ -3,6 +3,7 @@
 use crate::frames::FrameReport;
 use crate::input::Input;
 use crate::page::Page;
+use crate::sun::ShadowReport;
 use crate::{Shown, Walked};
 use farsight_plan::{Choice, Class, Decision, Effect};
 use std::error::Error;
@@ -74,8 +75,8 @@ pub fn page(told: &Told, built: &[(String, Duration)], walked: &Walked) -> Resul
         "Worst shadow texel",
         "px",
         &[
-            ("as drawn", series(|f| f.shadow.as_ref().map_or(0.0, |s| s.view.texel.value))),
-            ("without a warp", series(|f| f.shadow.as_ref().map_or(0.0, |s| s.view.texel_uniform.value))),
+            ("as drawn", series(|f| f.shadow.as_ref().map_or(0.0, |s| s.texel))),
+            ("without a warp", series(|f| f.shadow.as_ref().map_or(0.0, |s| s.uniform))),
         ],
     )?;
     if !built.is_empty() {
@@ -149,7 +150,7 @@ fn decisions(page: &mut Page, built: &[(String, Duration)], frames: &[Shown]) {
     page.heading("What was decided, and what that saved");
     page.table(&decision_table(frames));
     page.paragraph(
-        "Some frames were drawn without a plan as well: all triangles of all objects in view, and the largest shadow map. \
+        "Some frames were drawn without a plan as well: all triangles of all objects in view, and the finest shadow maps. \
          Changed are pixels that differ by more than 4 of 255.",
     );
     page.table(&saving_table(frames));
@@ -212,7 +213,7 @@ fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "everything",
         "casters' triangles",
         "everything",
-        "map side",
+        "maps",
         "everything",
         "ms",
         "everything",
@@ -225,7 +226,7 @@ fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
         let Some(c) = &shown.comparison else { continue };
         let (planned, full) = (&shown.report, &c.full);
         let cast = |f: &FrameReport| f.shadow.as_ref().map_or("-".into(), |s| s.triangles.to_string());
-        let side = |f: &FrameReport| f.shadow.as_ref().map_or("-".into(), |s| s.view.side.to_string());
+        let side = |f: &FrameReport| f.shadow.as_ref().map_or("-".into(), maps);
         let cells = [
             i.to_string(),
             planned.counters.triangles.to_string(),
@@ -251,12 +252,25 @@ fn short(x: f64) -> String {
     format!("{x:.decimals$}")
 }
 
+/// Number and size of shadow maps.
+fn maps(shadow: &ShadowReport) -> String {
+    match shadow.maps {
+        1 => format!("{}²", shadow.side),
+        n => format!("{n} × {}²", shadow.side),
+    }
+}
+
 fn caption(i: usize, frame: &FrameReport) -> String {
     let shadow = match &frame.shadow {
         None => "no shadow map".into(),
         Some(s) => {
-            let (side, texel) = (s.view.side, s.view.texel.value);
-            format!("shadow map of {side}², texel at most {texel:.1} px, warp gains {:.1}×", s.view.gain())
+            let plural = if s.maps > 1 { "s" } else { "" };
+            format!(
+                "shadow map{plural} of {}, texel at most {:.1} px, {:.1} in one map without a warp",
+                maps(s),
+                s.texel,
+                s.uniform
+            )
         }
     };
     format!("Frame {i}: {} objects in view, {} drawn; {shadow}", frame.in_view, frame.drawn)
@@ -270,7 +284,7 @@ pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "drawn",
         "triangles",
         "casters",
-        "map side",
+        "maps",
         "texel px",
         "foretold",
         "ms",
@@ -279,9 +293,7 @@ pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
     let mut rows = vec![head.map(String::from).to_vec()];
     for (i, Shown { report: f, comparison, .. }) in frames.iter().enumerate() {
         let (casters, side, texel) = match &f.shadow {
-            Some(s) => {
-                (s.casters_drawn.to_string(), s.view.side.to_string(), format!("{:.2}", s.view.texel.value))
-            }
+            Some(s) => (s.casters_drawn.to_string(), maps(s), format!("{:.2}", s.texel)),
             None => ("-".into(), "-".into(), "-".into()),
         };
         rows.push(vec![

@@ -6,9 +6,11 @@ use farsight_geometry::bvh::Bvh;
 use farsight_geometry::glam::{DMat4, DVec3};
 use farsight_geometry::scene::Light;
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
-use farsight_plan::{LightView, TexelSpread};
+use farsight_plan::{Layout, LightView, TexelSpread};
 use farsight_raster::{Rasteriser, ShadowMap, ShadowOptions, relative_from_mesh, thread_cpu_time};
-use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, ShadowView, Skip, Warp};
+use farsight_shadow::{
+    Focus, MapOptions, Scope, ShadowError, ShadowLight, ShadowView, Skip, Warp, plan_cascades,
+};
 use farsight_timing::Millis;
 use std::cell::RefCell;
 use std::error::Error;
@@ -16,9 +18,17 @@ use std::error::Error;
 /// Pixels that the edge of a shadow may be off since its caster is a coarser form.
 const CASTER_PX: f64 = 1.0;
 
+/// Cascades there may be at most.
+pub const MOST_CASCADES: u32 = 4;
+
 /// The shadow pass of a frame.
 pub struct ShadowReport {
-    pub view: ShadowView,
+    /// Maps, and the side of each.
+    pub maps: usize,
+    pub side: u32,
+    /// Pixels that the coarsest texel covers, and that one would cover in a single map without a warp.
+    pub texel: f64,
+    pub uniform: f64,
     pub casters_drawn: usize,
     /// Triangles of these.
     pub triangles: u64,
@@ -34,6 +44,8 @@ pub struct Sun<'a> {
     previous: Option<ShadowView>,
     /// The best map of the largest side for this frame, or why none is needed.
     fitted: Result<ShadowView, Skip>,
+    /// Splits of the distances that give two, three and four maps, and pixels that their coarsest texels cover, times their side.
+    cascades: [Option<(u32, f64)>; 3],
     casters: Vec<u32>,
     /// Whether the hierarchy has fewer triangles to draw than the objects' own forms.
     hierarchical: bool,
@@ -51,44 +63,105 @@ pub struct Stage<'s> {
     pub first_mover: u32,
 }
 
+impl Stage<'_> {
+    fn all(&self) -> DAabb {
+        self.bounds.iter().fold(DAabb::EMPTY, |b, i| b.union(*i))
+    }
+
+    /// Beyond the far side of the scene there is nothing to shade.
+    fn farthest(&self, camera: &Camera) -> f64 {
+        let corners = self.all().corners();
+        1.001 * corners.iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max)
+    }
+}
+
 impl<'a> Sun<'a> {
     /// The first light of a scene, if it is a sun. Its maps have sides of `map_side` texels at most.
     pub fn of(scene: &Scene, map_side: u32, coarse: Option<&'a RefCell<CasterStore>>) -> Option<Self> {
         let Some(&Light::Directional { direction, .. }) = scene.lights().first() else { return None };
         let (focus, casters) = (Focus::new(), Vec::new());
         let fitted = Err(Skip::NothingSeen);
-        let (previous, hierarchical) = (None, false);
-        Some(Self { direction, coarse, map_side, focus, previous, fitted, casters, hierarchical })
+        let (previous, cascades, hierarchical) = (None, [None; 3], false);
+        Some(Self { direction, coarse, map_side, focus, previous, fitted, cascades, casters, hierarchical })
     }
 
-    /// Fits a map to what the camera sees, the receivers.
-    pub fn fit(&mut self, camera: &Camera, stage: &Stage, receivers: &[DAabb]) -> Result<(), Box<dyn Error>> {
-        let scene_box = stage.bounds.iter().fold(DAabb::EMPTY, |b, i| b.union(*i));
-        // Beyond the far side of the scene there is nothing to shade.
-        let farthest =
-            scene_box.corners().iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max);
-        let casters = [scene_box];
-        let scope = Scope::new(camera, farthest * 1.001, receivers, &casters, self.map_side);
-        self.fitted = match self.focus.fit(&ShadowLight::directional(self.direction), &scope)? {
+    /// Fits maps to what the camera sees, the receivers: one, and cascades where the coarsest texel of that covers more than `texel_px` pixels.
+    pub fn fit(
+        &mut self,
+        camera: &Camera,
+        stage: &Stage,
+        receivers: &[DAabb],
+        texel_px: f64,
+    ) -> Result<(), Box<dyn Error>> {
+        let casters = [stage.all()];
+        let scope = Scope::new(camera, stage.farthest(camera), receivers, &casters, self.map_side);
+        let light = ShadowLight::directional(self.direction);
+        self.cascades = [None; 3];
+        self.fitted = match self.focus.fit(&light, &scope)? {
             Some(skip) => Err(skip),
             None => {
                 let view = self.focus.map(&MapOptions::new(self.map_side), self.previous.as_ref());
                 self.find_casters(&view, stage);
+                if view.texel.value > texel_px {
+                    self.split(&light, &scope)?;
+                }
                 Ok(view)
             }
         };
         Ok(())
     }
 
-    /// The map that [`fit`](Self::fit) found, with another side or warp if that is asked for.
-    pub fn view(&self, side: u32, warped: bool) -> Option<ShadowView> {
-        let best = self.fitted.as_ref().ok()?;
-        if side == self.map_side && warped {
-            return Some(*best);
+    /// Finds out what cascades would reach.
+    fn split(&mut self, light: &ShadowLight, scope: &Scope) -> Result<(), ShadowError> {
+        for splits in 2..=MOST_CASCADES {
+            let Ok(plan) = plan_cascades(light, scope, &MapOptions::new(self.map_side), 0.0, splits)? else {
+                break;
+            };
+            // Ranges without receivers or casters have no map.
+            if let Some(maps @ 0..) = plan.cascades.len().checked_sub(2) {
+                let spread = plan.texel.value * f64::from(self.map_side);
+                if self.cascades[maps].is_none_or(|(_, known)| spread < known) {
+                    self.cascades[maps] = Some((plan.splits, spread));
+                }
+            }
         }
+        Ok(())
+    }
+
+    /// The maps of a layout that [`fit`](Self::fit) found to be possible, near to far, with the distance where each ends; none where nothing needs one.
+    pub fn views(
+        &self,
+        camera: &Camera,
+        stage: &Stage,
+        receivers: &[DAabb],
+        side: u32,
+        layout: Layout,
+    ) -> Result<Vec<(ShadowView, f64)>, ShadowError> {
+        let Ok(best) = &self.fitted else { return Ok(Vec::new()) };
         let options = MapOptions::new(side);
-        let warp = if warped { options.warp } else { Warp::Uniform };
-        Some(self.focus.map(&options.with_warp(warp), self.previous.as_ref()))
+        let single = |view| Ok(vec![(view, f64::INFINITY)]);
+        match layout {
+            Layout::Cascades(maps) => {
+                let (splits, _) = self.cascades[maps as usize - 2].expect("only what was found is offered");
+                let casters = [stage.all()];
+                let scope = Scope::new(camera, stage.farthest(camera), receivers, &casters, side);
+                let light = ShadowLight::directional(self.direction);
+                let plan = plan_cascades(&light, &scope, &options, 0.0, splits)?;
+                Ok(plan.map_or(Vec::new(), |p| p.cascades.iter().map(|c| (c.view, c.far)).collect()))
+            }
+            Layout::Warped if side == self.map_side => single(*best),
+            Layout::Warped => single(self.focus.map(&options, self.previous.as_ref())),
+            _ => single(self.focus.map(&options.with_warp(Warp::Uniform), self.previous.as_ref())),
+        }
+    }
+
+    /// The finest layout there is.
+    pub fn finest(&self) -> Layout {
+        let Ok(best) = &self.fitted else { return Layout::Warped };
+        let single = (Layout::Warped, best.texel.value * f64::from(self.map_side));
+        let cascades =
+            self.cascades.iter().zip(2..).filter_map(|(c, n)| Some((Layout::Cascades(n), (*c)?.1)));
+        cascades.fold(single, |finest, c| if c.1 < finest.1 { c } else { finest }).0
     }
 
     fn find_casters(&mut self, view: &ShadowView, stage: &Stage) {
@@ -130,48 +203,83 @@ impl<'a> Sun<'a> {
             self.hierarchical = nodes < still;
             still = still.min(nodes);
         }
+        let mut texels = TexelSpread::of_map(view);
+        texels.cascades = self.cascades.map(|c| c.map_or(f64::INFINITY, |(_, spread)| spread));
         LightView {
             receiver_pixels: samples,
             caster_triangles: (still + moving) as f64,
             caster_draws: self.casters.len() as f64,
             contribution: 1.0,
-            texels: TexelSpread::of_map(view),
+            texels,
             penumbra_px: 0.0,
             unchanged: false,
         }
     }
 
-    /// Draws a map, with casters as coarse as their shadows may be for a camera; without one all of every caster.
+    /// Draws maps, near to far; casters are as coarse as their shadows may be if that is wanted, or all of them in full.
     pub fn draw(
         &mut self,
         rasteriser: &mut Rasteriser,
-        view: ShadowView,
+        views: &[(ShadowView, f64)],
         stage: &Stage,
-        camera: Option<&Camera>,
-    ) -> Result<(ShadowMap, ShadowReport), Box<dyn Error>> {
+        camera: &Camera,
+        coarse: bool,
+    ) -> Result<Option<(ShadowMap, ShadowReport)>, Box<dyn Error>> {
         let before = thread_cpu_time();
         let triangles = rasteriser.counters.triangles;
-        self.previous = Some(view);
+        let mut casters_drawn = 0;
+        let mut chain: Option<ShadowMap> = None;
+        for (view, end) in views.iter().rev() {
+            let (map, casters) = self.draw_one(rasteriser, view, stage, camera, coarse)?;
+            casters_drawn += casters;
+            chain = Some(match chain {
+                None => map,
+                Some(beyond) => map.until(camera.eye(), camera.forward(), *end).with_beyond(beyond),
+            });
+        }
+        let (Some(map), Ok(single)) = (chain, &self.fitted) else { return Ok(None) };
+        if let [(view, _)] = views {
+            self.previous = Some(*view);
+        }
+        let report = ShadowReport {
+            maps: views.len(),
+            side: views[0].0.side,
+            texel: views.iter().map(|v| v.0.texel.value).fold(0.0, f64::max),
+            uniform: single.texel_uniform.value * f64::from(single.side) / f64::from(views[0].0.side),
+            casters_drawn,
+            triangles: rasteriser.counters.triangles - triangles,
+            time: Millis::from(thread_cpu_time() - before),
+        };
+        Ok(Some((map, report)))
+    }
+
+    /// Draws a map; how many casters that were.
+    fn draw_one(
+        &mut self,
+        rasteriser: &mut Rasteriser,
+        view: &ShadowView,
+        stage: &Stage,
+        camera: &Camera,
+        coarse: bool,
+    ) -> Result<(ShadowMap, usize), Box<dyn Error>> {
         let options = ShadowOptions::default();
         let mut map =
             ShadowMap::new(view.side, view.clip_from_relative, view.origin, -self.direction, options)?;
         let mut casters_drawn = 0;
         let mut first = 0;
-        if let (Some(store), Some(_), true) = (self.coarse, camera, self.hierarchical) {
+        if let (Some(store), true) = (self.coarse, coarse && self.hierarchical) {
             casters_drawn += store.borrow_mut().draw(rasteriser, &mut map, view.origin)?;
             first = stage.first_mover;
         }
-        self.find_casters(&view, stage);
+        self.find_casters(view, stage);
         for &object in self.casters.iter().filter(|&&o| o >= first) {
             let instance = &stage.scene.instances()[object as usize];
             let mesh = stage.scene.mesh_of(instance);
             let relative = DMat4::from(relative_from_mesh(instance, mesh, view.origin));
-            let triangles = camera.map_or(mesh.triangles(), |camera| self.form(camera, stage, object));
+            let triangles = if coarse { self.form(camera, stage, object) } else { mesh.triangles() };
             map.draw(rasteriser, mesh.positions(), triangles, relative);
             casters_drawn += 1;
         }
-        let time = Millis::from(thread_cpu_time() - before);
-        let triangles = rasteriser.counters.triangles - triangles;
-        Ok((map, ShadowReport { view, casters_drawn, triangles, time }))
+        Ok((map, casters_drawn))
     }
 }

@@ -41,6 +41,10 @@ pub struct ShadowMap {
     options: ShadowOptions,
     /// Asked for points outside this map.
     beyond: Option<Box<ShadowMap>>,
+    /// The plane, in world coordinates, on whose far side another map is asked: its normal and its place along that.
+    end: Option<(DVec3, f64)>,
+    /// The same relative to `origin`.
+    rounded_end: Option<(Vec3, f32)>,
 }
 
 impl ShadowMap {
@@ -66,6 +70,8 @@ impl ShadowMap {
             towards_light: towards_light.as_vec3(),
             options,
             beyond: None,
+            end: None,
+            rounded_end: None,
         })
     }
 
@@ -167,6 +173,14 @@ impl ShadowMap {
         Self { beyond: Some(Box::new(beyond.relative_to(self.origin))), ..self }
     }
 
+    /// The map for points no farther than `distance` ahead of an eye, as a cascade is; others are asked of the map [beyond](Self::with_beyond).
+    #[must_use]
+    pub fn until(self, eye: DVec3, forward: DVec3, distance: f64) -> Self {
+        let end = Some((forward, forward.dot(eye) + distance));
+        let rounded_end = end_around(end, self.origin);
+        Self { end, rounded_end, ..self }
+    }
+
     /// Draws casters: triangles with a matrix from their coordinates to those relative to the map's origin.
     pub fn draw(
         &mut self,
@@ -212,15 +226,20 @@ impl ShadowMap {
     pub fn relative_to(&self, origin: DVec3) -> Self {
         let clip_from_relative = self.clip_from_relative * DMat4::from_translation(origin - self.origin);
         let beyond = self.beyond.as_ref().map(|b| Box::new(b.relative_to(origin)));
-        Self { clip_from_relative, rounded: clip_from_relative.as_mat4(), origin, beyond, ..self.clone() }
+        let rounded = clip_from_relative.as_mat4();
+        let rounded_end = end_around(self.end, origin);
+        Self { clip_from_relative, rounded, origin, beyond, rounded_end, ..self.clone() }
     }
 
     /// Share of the light that reaches a point (relative to the origin), from 0 to 1. Outside the map everything is lit.
     pub fn lit_relative(&self, point: Vec3, normal: Vec3) -> f32 {
+        let outside = || self.beyond.as_ref().map_or(1.0, |b| b.lit_relative(point, normal));
+        if self.rounded_end.is_some_and(|(ahead, end)| ahead.dot(point) > end) {
+            return outside();
+        }
         let reach = (self.options.filter_radius + 1) as f32;
         let moved = point + normal * (self.options.normal_offset * reach * self.clearance(point, normal));
         let clip: Vec4 = self.rounded * moved.extend(1.0);
-        let outside = || self.beyond.as_ref().map_or(1.0, |b| b.lit_relative(point, normal));
         if clip.w <= 0.0 {
             return outside();
         }
@@ -280,4 +299,9 @@ impl ShadowMap {
         // Rounded weights may add up to a little more than all.
         (sum / (side * side)).min(1.0)
     }
+}
+
+/// A plane relative to an origin.
+fn end_around(end: Option<(DVec3, f64)>, origin: DVec3) -> Option<(Vec3, f32)> {
+    end.map(|(normal, place)| (normal.as_vec3(), (place - normal.dot(origin)) as f32))
 }

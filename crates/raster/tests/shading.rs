@@ -152,6 +152,38 @@ fn a_map_with_another_beyond_it_covers_both() {
     assert!(seen[0] > 300, "{seen:?}");
 }
 
+/// Up to its end a map without casters leaves everything lit, whatever the origin; behind it the other map is asked.
+#[test]
+fn a_map_ends_where_it_is_told_to() {
+    let direction = DVec3::new(0.3, 0.2, -1.0).normalize();
+    let scene = ground_and_roof(direction);
+    let mut rasteriser = Rasteriser::new();
+    let options = ShadowOptions::default();
+    let full = ShadowMap::for_scene(&mut rasteriser, &scene, 512, options).unwrap().remove(0);
+    let empty =
+        ShadowMap::directional(&mut rasteriser, &Scene::new(), direction, DVec3::ZERO, 30.0, 64, options)
+            .unwrap();
+    let (eye, forward) = (DVec3::new(0.0, -5.0, 1.0), DVec3::Y);
+    let map = empty.until(eye, forward, 4.5).with_beyond(full.clone());
+    let mut shadowed = [0; 2];
+    for origin in [DVec3::ZERO, DVec3::new(40.0, -7.0, 3.0)] {
+        let (map, full) = (map.relative_to(origin), full.relative_to(origin));
+        for j in -20..=20 {
+            for i in -20..=20 {
+                let p = DVec3::new(f64::from(i) * 0.31, f64::from(j) * 0.29, 0.0);
+                let (lit, other) = (
+                    map.lit_relative((p - origin).as_vec3(), Vec3::Z),
+                    full.lit_relative((p - origin).as_vec3(), Vec3::Z),
+                );
+                let before = (p - eye).dot(forward) < 4.5;
+                assert_eq!(lit, if before { 1.0 } else { other }, "{p}");
+                shadowed[usize::from(before)] += i32::from(other == 0.0);
+            }
+        }
+    }
+    assert!(shadowed[0] > 50 && shadowed[1] > 50, "{shadowed:?}");
+}
+
 #[test]
 fn area_lights_have_their_closed_forms() {
     let nothing = BruteForce(Vec::new());
