@@ -15,6 +15,10 @@ pub(crate) trait Record<const W: usize>: Item + Ord + Send + Sync {
     const WORDS: usize;
     /// Packs a point; coordinates are those inside its cell.
     fn pack(local: [u32; 3], rgb: u32, attributes: [u64; W]) -> Self;
+    /// Packs a point by its key inside its cell.
+    fn from_key(key: u128, rgb: u32, attributes: [u64; W]) -> Self;
+    /// The key inside the cell.
+    fn key(&self) -> u128;
     /// Reads from words.
     fn from_words(words: &[u64]) -> Self;
     /// Writes to words.
@@ -52,6 +56,16 @@ impl<const W: usize> Record<W> for Compact<W> {
     #[inline]
     fn pack(local: [u32; 3], rgb: u32, attributes: [u64; W]) -> Self {
         Self { word: morton::key39(local) << 24 | u64::from(rgb), attributes }
+    }
+
+    #[inline]
+    fn from_key(key: u128, rgb: u32, attributes: [u64; W]) -> Self {
+        Self { word: (key as u64) << 24 | u64::from(rgb), attributes }
+    }
+
+    #[inline]
+    fn key(&self) -> u128 {
+        u128::from(self.word >> 24)
     }
 
     #[inline]
@@ -95,13 +109,6 @@ pub(crate) struct Wide<const W: usize> {
     attributes: [u64; W],
 }
 
-impl<const W: usize> Wide<W> {
-    #[inline]
-    fn key(&self) -> u128 {
-        (u128::from(self.high) << 64 | u128::from(self.low)) >> 24
-    }
-}
-
 impl<const W: usize> Item for Wide<W> {
     #[inline]
     fn rgb(&self) -> u32 {
@@ -114,8 +121,18 @@ impl<const W: usize> Record<W> for Wide<W> {
 
     #[inline]
     fn pack(local: [u32; 3], rgb: u32, attributes: [u64; W]) -> Self {
-        let bits = morton::key96(local) << 24 | u128::from(rgb);
+        Self::from_key(morton::key96(local), rgb, attributes)
+    }
+
+    #[inline]
+    fn from_key(key: u128, rgb: u32, attributes: [u64; W]) -> Self {
+        let bits = key << 24 | u128::from(rgb);
         Self { high: (bits >> 64) as u64, low: bits as u64, attributes }
+    }
+
+    #[inline]
+    fn key(&self) -> u128 {
+        (u128::from(self.high) << 64 | u128::from(self.low)) >> 24
     }
 
     #[inline]
@@ -236,6 +253,10 @@ mod tests {
                     let p = [0; 3].map(|_: u32| (next() & mask) as u32 >> (i % 7));
                     let r = R::pack(p, next() as u32 & 3, [next() & 1]);
                     assert_eq!((r.local(), r.attributes()), (p, r.attributes()));
+                    assert_eq!(R::from_key(r.key(), r.rgb(), r.attributes()), r);
+                    // The lower bits of a key are the key inside the smaller cell.
+                    let inside = R::from_key(r.key() & ((1 << (3 * (bits / 2))) - 1), r.rgb(), [0]).local();
+                    assert_eq!(inside, p.map(|v| v & ((1 << (bits / 2)) - 1)));
                     let mut words = Vec::new();
                     r.to_words(&mut words);
                     assert_eq!((words.len(), R::from_words(&words)), (R::WORDS, r));

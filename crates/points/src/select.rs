@@ -35,9 +35,12 @@ impl Lens {
         match *self {
             Self::Orthographic { pixels } => pixels * error * SLACK,
             Self::Perspective { pixels, near, corner } => {
-                let depth = least.max(near);
-                let secant = corner.min(farthest / depth).max(1.0);
-                if error >= depth { f64::INFINITY } else { pixels * error * secant / (depth - error) * SLACK }
+                // By comparisons, since the functions for it cost as much again for the sake of NaN.
+                let depth = if least > near { least } else { near };
+                let secant = farthest / depth;
+                let secant = if secant < corner { secant } else { corner };
+                let secant = if secant > 1.0 { secant } else { 1.0 };
+                if error >= depth { f64::INFINITY } else { pixels * error / (depth - error) * secant * SLACK }
             }
         }
     }

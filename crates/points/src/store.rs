@@ -5,8 +5,8 @@ mod octree;
 mod parse;
 
 pub(crate) use format::{Head, MAGIC, tail};
-pub(crate) use octree::Walked;
 pub use octree::{NodeId, Octree};
+pub(crate) use octree::{Size, Walked};
 
 use crate::node::POINT_BYTES;
 use crate::{Point, PointsError};

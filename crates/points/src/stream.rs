@@ -154,10 +154,14 @@ impl<G: GpuBuffers> Stream<G> {
     }
 
     /// Chooses what to draw from what is at hand, and asks for the rest. Never waits.
+    ///
+    /// What a view needs beyond the caches' sizes stays away: on the card the more important nodes push out the less important
+    /// ones, in memory what the last frame used stays, and nothing is read that there would be no room for.
     pub fn frame(&mut self, camera: &Camera, options: &ViewOptions) -> Frame<'_, G::Buffer> {
+        // First of all, so that arrivals take the place of nothing that the last frame used.
+        self.take_arrivals();
         self.on_card.next_frame();
         self.in_memory.next_frame();
-        self.take_arrivals();
         let mut upload_left = self.options.upload_bytes;
         let Self { store, gpu, buffers, on_card, data, in_memory, traversal, selection, .. } = self;
         let octree = store.octree();
@@ -189,7 +193,16 @@ impl<G: GpuBuffers> Stream<G> {
             true
         };
         traversal.select(octree, camera, options, is_there, selection);
-        let wanted = |n: &NodeId| self.data[n.0 as usize].is_none() && !self.broken[n.0 as usize];
+        // Of what this frame draws, the least important is to be given up first in the next.
+        selection.drawn.iter().rev().for_each(|drawn| on_card.touch(drawn.node.0));
+        let mut room = in_memory.room();
+        let wanted = |node: &NodeId| {
+            let at = node.0 as usize;
+            let bytes = octree.node_bytes(*node);
+            let wanted = self.data[at].is_none() && !self.broken[at] && bytes <= room;
+            room -= if wanted { bytes } else { 0 };
+            wanted
+        };
         self.loader.request(self.selection.missing.iter().copied().filter(wanted), self.options.requests);
         Frame { selection: &self.selection, buffers: &self.buffers }
     }

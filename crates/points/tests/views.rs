@@ -275,12 +275,14 @@ struct Card {
     held: HashSet<u32>,
     bytes: u64,
     most: u64,
+    uploads: usize,
 }
 
 impl GpuBuffers for Card {
     type Buffer = (NodeId, u64);
     fn upload(&mut self, node: NodeId, data: &NodeData) -> Self::Buffer {
         assert!(self.held.insert(node.0), "uploaded twice");
+        self.uploads += 1;
         self.bytes += data.bytes() as u64;
         self.most = self.most.max(self.bytes);
         (node, data.bytes() as u64)
@@ -324,6 +326,77 @@ fn loading_in_the_background_ends_with_the_whole_picture_and_keeps_its_budgets()
         assert!(last <= expected.error.unwrap().value, "{name}");
     }
     assert!(stream.gpu().most <= 400_000 && stream.take_failures().is_empty());
+}
+
+/// Frames of a view that stays, until nothing is loaded any more; then some more. What each of these drew.
+fn settle(stream: &mut Stream<Card>, camera: &Camera, view: &ViewOptions) -> Vec<Vec<u32>> {
+    let mut quiet = 0;
+    let mut last = Vec::new();
+    for frame in 0.. {
+        let before = stream.gpu().uploads;
+        let shown = stream.frame(camera, view);
+        last.push(shown.selection.drawn.iter().map(|d| d.node.0).collect());
+        quiet = if stream.is_idle() && stream.gpu().uploads == before { quiet + 1 } else { 0 };
+        if quiet == 20 {
+            break;
+        }
+        assert!(frame < 5000, "loading never ends");
+        std::thread::sleep(std::time::Duration::from_micros(100));
+    }
+    last
+}
+
+#[test]
+fn a_memory_too_small_keeps_what_the_last_frame_used_and_reads_nothing_in_vain() {
+    let folder = Folder::new("small-memory");
+    let store = stored(&folder, &surface(60_000, 13));
+    let camera = cameras(store.octree()).swap_remove(0).1;
+    let mut options = StreamOptions::default();
+    // The card too is small, so that nothing is hidden by what it holds.
+    (options.card_bytes, options.memory_bytes, options.requests) = (300_000, 250_000, 7);
+    let mut stream = Stream::new(store, Card::default(), options).unwrap();
+    let view = ViewOptions::error(1e-6);
+    let frames = settle(&mut stream, &camera, &view);
+    for pair in frames.windows(2) {
+        assert!(pair[0].iter().all(|node| pair[1].contains(node)), "lost what was drawn");
+    }
+    let (card, memory) = stream.cached_bytes();
+    assert!(memory <= 250_000 && memory > 200_000 && card <= memory, "{card} {memory}");
+    // Another view takes its place.
+    let away = cameras(stream.store().octree()).swap_remove(3).1;
+    let mut first = Selection::default();
+    Traversal::new().select(stream.store().octree(), &away, &view.with_budget(5_000), |_| true, &mut first);
+    let frames = settle(&mut stream, &away, &view.with_budget(5_000));
+    assert!(first.drawn.iter().all(|d| frames.last().unwrap().contains(&d.node.0)));
+}
+
+#[test]
+fn a_card_too_small_ends_with_the_most_important() {
+    let folder = Folder::new("small-card");
+    let store = stored(&folder, &surface(60_000, 14));
+    let views = cameras(store.octree());
+    let mut options = StreamOptions::default();
+    (options.card_bytes, options.upload_bytes, options.requests) = (100_000, 20_000, 7);
+    let mut stream = Stream::new(store, Card::default(), options).unwrap();
+    let view = ViewOptions::error(1e-6);
+    let mut full = 0;
+    for (name, camera) in views.iter().take(6) {
+        let frames = settle(&mut stream, camera, &view);
+        // The more important first, while there is room.
+        let octree = stream.store().octree();
+        let (mut left, mut expected) = (100_000, Selection::default());
+        let fits = |node: NodeId| {
+            let bytes = octree.node_bytes(node);
+            let fits = bytes <= left;
+            left -= if fits { bytes } else { 0 };
+            fits
+        };
+        Traversal::new().select(octree, camera, &view, fits, &mut expected);
+        full += usize::from(!expected.missing.is_empty());
+        let expected: Vec<u32> = expected.drawn.iter().map(|d| d.node.0).collect();
+        assert_eq!(frames.last().unwrap(), &expected, "{name}");
+    }
+    assert!(full > 2, "all fits");
 }
 
 #[test]

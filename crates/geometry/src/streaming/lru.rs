@@ -16,6 +16,8 @@ pub struct Lru {
     oldest: u32,
     used: u64,
     budget: u64,
+    /// Bytes of what was used in this frame.
+    pinned: u64,
     /// Number of the current frame; what was used in it stays.
     frame: u64,
 }
@@ -33,12 +35,18 @@ impl Lru {
     /// Holds nothing yet, of numbers below `count`; up to `budget` bytes.
     pub fn new(count: usize, budget: u64) -> Self {
         let unused = Link { newer: NONE, older: NONE, bytes: 0, last_use: 0, held: false };
-        Self { links: vec![unused; count], newest: NONE, oldest: NONE, used: 0, budget, frame: 1 }
+        Self { links: vec![unused; count], newest: NONE, oldest: NONE, used: 0, budget, pinned: 0, frame: 1 }
     }
 
     /// From now on, what was used before may be given up.
     pub fn next_frame(&mut self) {
         self.frame += 1;
+        self.pinned = 0;
+    }
+
+    /// Bytes that there could be room for: all but what was used in this frame.
+    pub fn room(&self) -> u64 {
+        self.budget.saturating_sub(self.pinned)
     }
 
     /// Bytes of everything that is held.
@@ -57,13 +65,17 @@ impl Lru {
         link.held && link.last_use == self.frame
     }
 
-    /// Notes a use.
+    /// Notes a use of what is held.
     pub fn touch(&mut self, number: u32) {
         if self.newest != number {
             self.unlink(number);
             self.link(number);
         }
-        self.links[number as usize].last_use = self.frame;
+        let link = &mut self.links[number as usize];
+        if link.last_use != self.frame {
+            self.pinned += link.bytes;
+        }
+        link.last_use = self.frame;
     }
 
     /// Makes room by giving up what was not used in this frame, oldest first; each goes to `release`. False when there is
@@ -90,6 +102,7 @@ impl Lru {
         let link = &mut self.links[number as usize];
         (link.bytes, link.held, link.last_use) = (bytes, true, self.frame);
         self.used += bytes;
+        self.pinned += bytes;
         self.link(number);
     }
 
@@ -168,6 +181,8 @@ mod tests {
                 assert!(released.is_empty());
             }
             assert_eq!(lru.used(), used(&list));
+            let pinned: u64 = list.iter().filter(|e| e.2 == frame).map(|e| e.1).sum();
+            assert_eq!(lru.room(), budget - pinned);
         }
     }
 }

@@ -16,13 +16,14 @@ pub(super) struct Wish {
     pub short_from: u32,
 }
 
-/// Cells that cover all points, in Morton order, and the way from a histogram cell to its bucket.
+/// Cells that cover all points, in Morton order, and the way from a point to its bucket.
 #[derive(Debug)]
 pub(super) struct Cut {
     pub cells: Vec<Cell>,
-    /// Bucket of each histogram cell.
+    /// Bucket of each cell of `level`.
     pub bucket_of: Vec<u32>,
-    /// Level of the histogram below `base`.
+    /// Level below `base` of the smallest buckets: no finer than that, since points in no order look up a small table several times
+    /// as fast as one of the histogram's size.
     pub level: u32,
     /// Cell that was cut.
     pub base: Cell,
@@ -37,8 +38,7 @@ impl Cut {
         let occupied = |l: u32| pyramid[l as usize].iter().filter(|&&c| c > 0).count();
         let least =
             if occupied(short) <= MOST_BUCKETS && base.level + short >= wish.short_from { short } else { 0 };
-        let mut cut =
-            Self { cells: Vec::new(), bucket_of: vec![u32::MAX; histogram.len()], level, base, bits };
+        let mut taken = Vec::new();
         let mut open = vec![(0u32, 0usize)];
         while let Some((l, code)) = open.pop() {
             let count = pyramid[l as usize][code];
@@ -49,9 +49,13 @@ impl Cut {
                 // The last one pushed is the next one taken.
                 open.extend((0..8).rev().map(|octant| (l + 1, code << 3 | octant)));
             } else {
-                cut.add(l, code);
+                taken.push((l, code));
             }
         }
+        let level = taken.iter().map(|t| t.0).max().unwrap_or(0);
+        let mut cut =
+            Self { cells: Vec::new(), bucket_of: vec![u32::MAX; 1 << (3 * level)], level, base, bits };
+        taken.into_iter().for_each(|(l, code)| cut.add(l, code));
         cut
     }
 
@@ -60,8 +64,7 @@ impl Cut {
         let below = self.level - l;
         let first = code << (3 * below);
         for fine in first..first + (1 << (3 * below)) {
-            let at = cell_index(morton::coordinates39(fine as u64), 0, self.level);
-            self.bucket_of[at] = bucket;
+            self.bucket_of[index_of_code(fine, self.level)] = bucket;
         }
         let edge = self.bits - self.base.level - l;
         let corner = morton::coordinates39(code as u64);
@@ -69,17 +72,27 @@ impl Cut {
         self.cells.push(Cell { min, level: self.base.level + l });
     }
 
-    /// Bits below a histogram cell.
+    /// Bucket of each cell of `level` by its Morton code.
+    pub fn bucket_of_code(&self) -> Vec<u32> {
+        (0..self.bucket_of.len()).map(|code| self.bucket_of[index_of_code(code, self.level)]).collect()
+    }
+
+    /// Bits below a cell of `level`.
     #[inline]
     pub fn below(&self) -> u32 {
         self.bits - self.base.level - self.level
     }
 }
 
+/// Index of the cell of a histogram with a Morton code.
+pub(super) fn index_of_code(code: usize, level: u32) -> usize {
+    cell_index(morton::coordinates39(code as u64), 0, level)
+}
+
 /// Counts of all levels, in Morton order.
 fn pyramid(histogram: &[u32], level: u32) -> Vec<Vec<u64>> {
     let finest = (0..histogram.len())
-        .map(|code| u64::from(histogram[cell_index(morton::coordinates39(code as u64), 0, level)]))
+        .map(|code| u64::from(histogram[index_of_code(code, level)]))
         .collect::<Vec<u64>>();
     let mut levels = vec![finest];
     for _ in 0..level {
@@ -110,7 +123,7 @@ mod tests {
             let cut = Cut::new(Cell::default(), bits, &histogram, level, Wish { points: most, short_from });
             let mut counts = vec![0u64; cut.cells.len()];
             for &p in &points {
-                let b = cut.bucket_of[cell_index(p, cut.below(), level)] as usize;
+                let b = cut.bucket_of[cell_index(p, cut.below(), cut.level)] as usize;
                 assert_eq!(Cell::around(p, cut.cells[b].level, bits), cut.cells[b]);
                 counts[b] += 1;
             }

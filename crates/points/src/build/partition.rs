@@ -6,7 +6,7 @@
 use super::Stage;
 use super::abort::Abort;
 use super::count::{Counted, cell_index, histogram_level};
-use super::cut::{Cut, Wish};
+use super::cut::{Cut, Wish, index_of_code};
 use super::source::Blocks;
 use super::temp::Scratch;
 use crate::PointsError;
@@ -153,8 +153,9 @@ impl Piece {
 #[derive(Clone, Copy, Debug)]
 struct Target {
     compact: bool,
-    /// Bits of a coordinate inside the bucket's cell.
+    /// Bits of a coordinate inside the bucket's cell, as a mask and as a number.
     mask: u32,
+    below: u32,
     /// Words of a record.
     words: usize,
 }
@@ -164,7 +165,7 @@ impl Target {
         let below = bits - cell.level;
         let compact = below <= COMPACT_BITS;
         let words = if compact { Compact::<W>::WORDS } else { Wide::<W>::WORDS };
-        Self { compact, mask: ((1u64 << below) - 1) as u32, words }
+        Self { compact, mask: ((1u64 << below) - 1) as u32, below, words }
     }
 }
 
@@ -172,7 +173,7 @@ impl Target {
 struct Lane<'a> {
     cut: &'a Cut,
     targets: &'a [Target],
-    /// Bits below a cell of the histogram.
+    /// Bits below the cut's smallest buckets.
     below: u32,
     scratch: Option<&'a Scratch>,
     held: &'a Held,
@@ -224,19 +225,39 @@ impl<'a> Lane<'a> {
     ) -> Result<(), PointsError> {
         let bucket = self.cut.bucket_of[cell_index(inside, self.below, self.cut.level)] as usize;
         let Target { compact, mask, .. } = self.targets[bucket];
-        let record = if compact { Compact::<W>::WORDS } else { Wide::<W>::WORDS };
-        let chunk = &self.open[bucket];
-        if chunk.capacity() - chunk.len() < record {
-            self.next_chunk(bucket)?;
-        }
         let own = inside.map(|v| v & mask);
-        let chunk = &mut self.open[bucket];
+        let chunk = self.room::<W>(bucket, compact)?;
         if compact {
             Compact::pack(own, rgb, attributes).to_words(chunk);
         } else {
             Wide::pack(own, rgb, attributes).to_words(chunk);
         }
         Ok(())
+    }
+
+    /// Moves a record of the cell that is cut to a bucket: its key there is the lower part of what it was, so nothing is unpacked.
+    #[inline(always)]
+    fn push_record<const W: usize, R: Record<W>>(&mut self, bucket: usize, r: &R) -> Result<(), PointsError> {
+        let Target { compact, below, .. } = self.targets[bucket];
+        let key = r.key() & ((1 << (3 * below)) - 1);
+        let chunk = self.room::<W>(bucket, compact)?;
+        if compact {
+            Compact::from_key(key, r.rgb(), r.attributes()).to_words(chunk);
+        } else {
+            Wide::from_key(key, r.rgb(), r.attributes()).to_words(chunk);
+        }
+        Ok(())
+    }
+
+    /// The open chunk of a bucket, with room for a record.
+    #[inline(always)]
+    fn room<const W: usize>(&mut self, bucket: usize, compact: bool) -> Result<&mut Vec<u64>, PointsError> {
+        let record = if compact { Compact::<W>::WORDS } else { Wide::<W>::WORDS };
+        let chunk = &self.open[bucket];
+        if chunk.capacity() - chunk.len() < record {
+            self.next_chunk(bucket)?;
+        }
+        Ok(&mut self.open[bucket])
     }
 
     #[cold]
@@ -442,6 +463,22 @@ pub(super) fn split_large<const W: usize>(
 }
 
 fn split<const W: usize>(
+    bucket: Bucket,
+    bits: u32,
+    limits: Limits,
+    scratch: Option<&Scratch>,
+    held: &Held,
+    abort: &Abort<'_>,
+) -> Result<Vec<Bucket>, PointsError> {
+    if bucket.compact {
+        split_records::<W, Compact<W>>(bucket, bits, limits, scratch, held, abort)
+    } else {
+        split_records::<W, Wide<W>>(bucket, bits, limits, scratch, held, abort)
+    }
+}
+
+/// Counts and moves by keys alone, whose upper bits are the codes of cells.
+fn split_records<const W: usize, R: Record<W>>(
     mut bucket: Bucket,
     bits: u32,
     limits: Limits,
@@ -452,7 +489,6 @@ fn split<const W: usize>(
     let base = bucket.cell;
     let level = histogram_level(bucket.points, bits - base.level);
     let below = bits - base.level - level;
-    let compact = bucket.compact;
     let histogram = Mutex::new(vec![0u32; 1 << (3 * level)]);
     // Pieces are looked at once to count and once to move; only the second time they are given up.
     let next = AtomicUsize::new(0);
@@ -460,46 +496,32 @@ fn split<const W: usize>(
         let mut mine = vec![0u32; 1 << (3 * level)];
         let mut buffer = Vec::new();
         while let Some(piece) = bucket.pieces.get(next.fetch_add(1, Ordering::Relaxed)) {
-            each::<W>(piece.peek(&mut buffer)?, compact, |p, _, _| {
-                let count = &mut mine[cell_index(p, below, level)];
+            for words in piece.peek(&mut buffer)?.chunks_exact(R::WORDS) {
+                let count = &mut mine[R::from_words(words).key_bits(3 * below) as usize];
                 *count = count.saturating_add(1);
-                Ok(())
-            })?;
+            }
             abort.check()?;
         }
         let mut all = histogram.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        all.iter_mut().zip(&mine).for_each(|(a, b)| *a = a.saturating_add(*b));
+        for (code, &count) in mine.iter().enumerate().filter(|(_, count)| **count > 0) {
+            let cell = &mut all[index_of_code(code, level)];
+            *cell = cell.saturating_add(count);
+        }
         Ok(())
     })?;
     let histogram = histogram.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
     let cut = Cut::new(base, bits, &histogram, level, wish(bits, limits));
+    let (bucket_of, shift) = (cut.bucket_of_code(), 3 * cut.below());
     let pieces = Mutex::new(std::mem::take(&mut bucket.pieces));
     distribute::<W>(&cut, limits, scratch, held, abort, |lane| {
         let piece = pieces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).pop();
         let Some(piece) = piece else { return Ok(false) };
         let mut buffer = Vec::new();
-        each::<W>(piece.words(held, &mut buffer)?, compact, |p, rgb, attributes| {
-            lane.push(p, rgb, attributes)
-        })?;
+        for words in piece.words(held, &mut buffer)?.chunks_exact(R::WORDS) {
+            let record = R::from_words(words);
+            lane.push_record::<W, R>(bucket_of[record.key_bits(shift) as usize] as usize, &record)?;
+        }
         abort.check()?;
         Ok(true)
     })
-}
-
-/// Unpacks records.
-fn each<const W: usize>(
-    words: &[u64],
-    compact: bool,
-    mut take: impl FnMut([u32; 3], u32, [u64; W]) -> Result<(), PointsError>,
-) -> Result<(), PointsError> {
-    fn run<const W: usize, R: Record<W>>(
-        words: &[u64],
-        take: &mut impl FnMut([u32; 3], u32, [u64; W]) -> Result<(), PointsError>,
-    ) -> Result<(), PointsError> {
-        words.chunks_exact(R::WORDS).try_for_each(|w| {
-            let r = R::from_words(w);
-            take(r.local(), r.rgb(), r.attributes())
-        })
-    }
-    if compact { run::<W, Compact<W>>(words, &mut take) } else { run::<W, Wide<W>>(words, &mut take) }
 }

@@ -7,6 +7,7 @@ use crate::frame::Cell;
 use farsight_geometry::DAabb;
 use farsight_geometry::accuracy::{ErrorBound, Unit};
 use glam::{DVec3, Vec3};
+use std::ops::Range;
 
 /// A node of an [`Octree`]: the root is 0, parents come before children, siblings stand together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -49,11 +50,17 @@ impl Walked {
     }
 }
 
+/// How many points a node has, and how far apart.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Size {
+    pub points: u32,
+    pub spacing: f32,
+}
+
 /// Where a node's points are.
 #[derive(Clone, Copy, Debug)]
 struct Payload {
     offset: u64,
-    points: u32,
     crc: u32,
     parent: u32,
     first_level: u8,
@@ -67,7 +74,7 @@ pub struct Octree {
     walked: Vec<Walked>,
     payloads: Vec<Payload>,
     counts: Vec<u32>,
-    spacing: Vec<f32>,
+    sizes: Vec<Size>,
     points: u64,
 }
 
@@ -96,7 +103,7 @@ impl Octree {
             walked: Vec::with_capacity(count),
             payloads: Vec::with_capacity(count),
             counts: Vec::new(),
-            spacing: Vec::new(),
+            sizes: Vec::with_capacity(count),
             points: 0,
         };
         let mut place = vec![0u32; count];
@@ -136,7 +143,6 @@ impl Octree {
         self.walked.push(Walked { center, half, first_child, children_level });
         self.payloads.push(Payload {
             offset: record.offset,
-            points: record.points,
             crc: record.crc,
             parent,
             first_level: record.first as u8,
@@ -145,7 +151,7 @@ impl Octree {
         self.counts.extend(&record.per_level);
         let cell = self.cell_edge((record.cell.level + self.head.inner).min(self.head.frame.bits));
         let sparse = if children == 0 { leaf_spacing(max - min, record.points) } else { 0.0 };
-        self.spacing.push(cell.max(sparse) as f32);
+        self.sizes.push(Size { points: record.points, spacing: cell.max(sparse) as f32 });
         self.points += u64::from(record.points);
     }
 
@@ -232,7 +238,7 @@ impl Octree {
 
     /// Points in a node, those below not counted.
     pub fn node_points(&self, node: NodeId) -> u32 {
-        self.payloads[node.0 as usize].points
+        self.sizes[node.0 as usize].points
     }
 
     /// Bytes of a node's points and attributes.
@@ -261,7 +267,7 @@ impl Octree {
     /// Distance in the world at which splats of a node's points leave no gaps, an estimate: the edge of the cells that it fills; for a
     /// node with nothing below, which may be sparser, what its number of points on the faces of its box would need.
     pub fn node_spacing(&self, node: NodeId) -> f32 {
-        self.spacing[node.0 as usize]
+        self.sizes[node.0 as usize].spacing
     }
 
     /// World position of the corner that [`Walked`] is relative to.
@@ -269,14 +275,17 @@ impl Octree {
         self.head.grid.world(self.head.frame.lo)
     }
 
-    pub(crate) fn walked(&self) -> &[Walked] {
-        &self.walked
+    /// What a traversal reads of nodes that stand together.
+    #[inline]
+    pub(crate) fn walk(&self, nodes: Range<u32>) -> impl Iterator<Item = (&Walked, &Size)> {
+        let nodes = nodes.start as usize..nodes.end as usize;
+        self.walked[nodes.clone()].iter().zip(&self.sizes[nodes])
     }
 
     /// Offset, number of points and checksum.
     pub(super) fn payload(&self, node: NodeId) -> (u64, usize, u32) {
         let p = &self.payloads[node.0 as usize];
-        (p.offset, p.points as usize, p.crc)
+        (p.offset, self.node_points(node) as usize, p.crc)
     }
 }
 
