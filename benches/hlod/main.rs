@@ -3,7 +3,7 @@
 //! ```text
 //! cargo bench --bench hlod                      everything; 20 M triangles where memory is measured
 //! cargo bench --bench hlod -- --quick           small surfaces
-//! cargo bench --bench hlod -- --only build      one part: build, certify, points, threads, memory, path
+//! cargo bench --bench hlod -- --only build      one part: build, certify, threads, levels, points, memory, path
 //! ```
 //!
 //! With `FARSIGHT_DATA` set, scanned surfaces are built as well.
@@ -41,6 +41,12 @@ fn main() -> Outcome {
     }
     if wanted("threads") {
         threads(quick)?;
+    }
+    if wanted("levels") {
+        shape_of_levels(quick)?;
+    }
+    if wanted("points") {
+        points_on_disk(quick)?;
     }
     if wanted("memory") {
         memory(if quick { &[200_000] } else { &[2_000_000, 20_000_000] })?;
@@ -238,25 +244,77 @@ fn threads(quick: bool) -> Outcome {
     Ok(())
 }
 
-/// Strips of a rough square kilometre, made one after the other.
-fn strips(count: u64) -> impl Iterator<Item = Result<TriangleMesh, HlodError>> {
+/// Height of a square kilometre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ground {
+    /// Waves of three lengths.
+    Smooth,
+    /// Waves down to 16 triangles long, each half as high as those twice as long: alike at all sizes, as scanned surfaces are, and oversampled as they are.
+    Alike,
+}
+
+impl Ground {
+    fn height(self, x: f32, y: f32, spacing: f32) -> f32 {
+        match self {
+            Self::Smooth => {
+                20.0 * (0.011 * x).sin() * (0.013 * y).cos()
+                    + 2.0 * (0.09 * x + 0.05 * y).sin()
+                    + 0.05 * (0.9 * x).sin() * (1.1 * y).cos()
+            }
+            Self::Alike => {
+                let lengths = (0..).map(|k| 600.0 / (1u32 << k) as f32).take_while(|l| *l > 16.0 * spacing);
+                let wave = |(k, length): (u32, f32)| {
+                    let turn = (2.4 * k as f32).sin_cos();
+                    let (u, v) = (x * turn.0 + y * turn.1, y * turn.0 - x * turn.1);
+                    let f = std::f32::consts::TAU / length;
+                    0.05 * length * (f * u + k as f32).sin() * (f * v).cos()
+                };
+                (0..).zip(lengths).map(wave).sum()
+            }
+        }
+    }
+}
+
+/// Strips of a square kilometre with normals, made one after the other.
+fn strips(count: u64, ground: Ground) -> impl Iterator<Item = Result<TriangleMesh, HlodError>> {
     let n = (count as f64 / 2.0).sqrt() as u32;
     let rows = (30_000 / n).max(1);
+    let spacing = 1000.0 / n as f32;
     (0..n.div_ceil(rows)).map(move |strip| {
         let (first, last) = (strip * rows, ((strip + 1) * rows).min(n));
-        let at = |i: u32| i as f32 * (1000.0 / n as f32);
-        let height = |x: f32, y: f32| {
-            20.0 * (0.011 * x).sin() * (0.013 * y).cos()
-                + 2.0 * (0.09 * x + 0.05 * y).sin()
-                + 0.05 * (0.9 * x).sin() * (1.1 * y).cos()
+        let at = |i: u32| i as f32 * spacing;
+        let height = |x: f32, y: f32| ground.height(x, y, spacing);
+        let p = || (first..=last).flat_map(|j| (0..=n).map(move |i| (at(i), at(j))));
+        let slope = |x: f32, y: f32| {
+            let across =
+                |dx: f32, dy: f32| (height(x + dx, y + dy) - height(x - dx, y - dy)) / (2.0 * spacing);
+            Vec3::new(-across(spacing, 0.0), -across(0.0, spacing), 1.0).normalize()
         };
-        let p = (first..=last).flat_map(|j| (0..=n).map(move |i| (at(i), at(j))));
-        let p = p.map(|(x, y)| Vec3::new(x, y, height(x, y))).collect();
+        let normals = p().map(|(x, y)| slope(x, y)).collect();
+        let p = p().map(|(x, y)| Vec3::new(x, y, height(x, y))).collect();
         let row = n + 1;
         let quads = (0..last - first).flat_map(|j| (0..n).map(move |i| j * row + i));
         let t = quads.flat_map(|a| [[a, a + 1, a + row + 1], [a, a + row + 1, a + row]]).collect();
-        Ok(TriangleMesh::new(p, t)?)
+        Ok(TriangleMesh::new(p, t)?.with_normals(normals)?)
     })
+}
+
+/// Table 2: levels of surfaces that are alike at all sizes.
+fn shape_of_levels(quick: bool) -> Outcome {
+    println!(
+        "\ntable 2: triangles and points a node by level, verified, generated ground that is alike at all sizes"
+    );
+    let path = temp("levels");
+    let counts: [(u64, bool); 2] =
+        if quick { [(60_000, false), (20_000, true)] } else { [(2_000_000, false), (400_000, true)] };
+    for (count, appearance) in counts {
+        let options = BuildOptions::default().with_tier(Tier::Verified).with_appearance(appearance);
+        let report = build(strips(count, Ground::Alike), &path, &options, &no_progress)?;
+        println!("{} triangles, {}", report.triangles, if appearance { "with normals" } else { "shape" });
+        levels(&report, &Store::open(&path)?)?;
+    }
+    std::fs::remove_file(&path)?;
+    Ok(())
 }
 
 fn child(count: u64, tier: &str) -> Outcome {
@@ -264,7 +322,7 @@ fn child(count: u64, tier: &str) -> Outcome {
     let path = temp("memory");
     let options = BuildOptions::default().with_appearance(false).with_tier(tier).with_threads(1);
     let start = thread_cpu_time();
-    let report = build(strips(count), &path, &options, &no_progress)?;
+    let report = build(strips(count, Ground::Smooth), &path, &options, &no_progress)?;
     let seconds = (thread_cpu_time() - start).as_secs_f64();
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak =
@@ -278,6 +336,59 @@ fn child(count: u64, tier: &str) -> Outcome {
         report.levels.len(),
         report.levels[0].triangles
     );
+    std::fs::remove_file(&path)?;
+    Ok(())
+}
+
+/// Points in place of small triangles: made when a node is loaded, or stored instead of those triangles?
+fn points_on_disk(quick: bool) -> Outcome {
+    println!(
+        "\npoints of all inner nodes: made of decoded triangles, or stored in place of them (an octree's occupancy and differences of normals, at their entropy)"
+    );
+    println!(
+        "{:<16} {:>9} {:>9} {:>9} {:>12} {:>12} {:>13} {:>13}",
+        "surface",
+        "triangles",
+        "replaced",
+        "points",
+        "made, ns/tri",
+        "read, ns/tri",
+        "replaced, kB",
+        "points, kB"
+    );
+    let path = temp("points");
+    for (name, mesh) in
+        surfaces(quick)?.into_iter().filter(|(name, _)| !matches!(&name[..], "lucy" | "lion_statue"))
+    {
+        built(&mesh, &path, &BuildOptions::default().with_tier(Tier::Verified))?;
+        let store = Store::open(&path)?;
+        let tree = store.tree();
+        let (mut triangles, mut replaced, mut made, mut replaced_bytes, mut bits) = (0, 0, 0, 0.0, 0.0);
+        let (mut reading, mut making) = (0.0, 0.0);
+        let (mut node, mut splats) = (NodeMesh::default(), Splats::default());
+        for n in tree.ids().filter(|&n| !tree.is_leaf(n)) {
+            let start = thread_cpu_time();
+            store.read(n, Mesh::Full, &mut node)?;
+            reading += (thread_cpu_time() - start).as_secs_f64();
+            let reach = tree.error(n, Mesh::Full).value;
+            let start = thread_cpu_time();
+            splats.fill(&node, reach);
+            making += (thread_cpu_time() - start).as_secs_f64();
+            let (all, left) = (node.indices.len() / 3, splats.indices.len() / 3);
+            (triangles, replaced, made) =
+                (triangles + all, replaced + all - left, made + splats.positions.len());
+            replaced_bytes += tree.disk_bytes(n, Mesh::Full) as f64 * (all - left) as f64 / all.max(1) as f64;
+            bits += points::stored_bits(&splats.positions, &splats.normals, (0.5 * reach) as f32);
+        }
+        let each = |seconds: f64| 1e9 * seconds / triangles as f64;
+        println!(
+            "{name:<16} {triangles:>9} {replaced:>9} {made:>9} {:>12.0} {:>12.0} {:>13.1} {:>13.1}",
+            each(making),
+            each(reading),
+            replaced_bytes / 1e3,
+            bits / 8e3
+        );
+    }
     std::fs::remove_file(&path)?;
     Ok(())
 }

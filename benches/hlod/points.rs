@@ -2,7 +2,7 @@
 
 use farsight_geometry::glam::Vec3;
 use farsight_hlod::NodeMesh;
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Points with normals.
 #[derive(Default)]
@@ -39,4 +39,46 @@ pub fn all(mesh: &NodeMesh, reach: f64) -> Points {
         }
     }
     out
+}
+
+/// Bits that points take at least when they are stored on their own: which children of an octree over their cells are occupied (Botsch et al. 2002), and normals of
+/// one byte an axis of the octahedron by their differences along a Z curve, both at their entropy.
+pub fn stored_bits(positions: &[Vec3], normals: &[Vec3], cell: f32) -> f64 {
+    let cells =
+        positions.iter().map(|p| (*p / cell).floor().to_array().map(|x| (x as i64 + (1 << 20)) as u64));
+    let spread = |x: u64| (0..21).fold(0u64, |z, bit| z | (x >> bit & 1) << (3 * bit));
+    let code = |[x, y, z]: [u64; 3]| spread(x) | spread(y) << 1 | spread(z) << 2;
+    let sorted: BTreeMap<u64, usize> = cells.map(code).zip(0..).collect();
+    let mut level: Vec<u64> = sorted.keys().copied().collect();
+    let mut bytes: HashMap<u64, u64> = HashMap::new();
+    while level.len() > 1 {
+        for parent in level.chunk_by(|a, b| a >> 3 == b >> 3) {
+            *bytes.entry(parent.iter().fold(0, |byte, child| byte | 1 << (child & 7))).or_default() += 1;
+        }
+        level.iter_mut().for_each(|c| *c >>= 3);
+        level.dedup();
+    }
+    let mut differences: [HashMap<u64, u64>; 2] = Default::default();
+    let mut before = [0i32; 2];
+    for n in sorted.values().filter_map(|&i| normals.get(i)) {
+        let now = octahedron(*n);
+        for k in 0..2 {
+            *differences[k].entry((now[k] - before[k]) as u8 as u64).or_default() += 1;
+        }
+        before = now;
+    }
+    entropy(&bytes) + differences.iter().map(entropy).sum::<f64>()
+}
+
+fn octahedron(n: Vec3) -> [i32; 2] {
+    let p = n / (n.x.abs() + n.y.abs() + n.z.abs()).max(1e-9);
+    let fold = |a: f32, b: f32| (1.0 - b.abs()).copysign(a);
+    let (x, y) = if p.z >= 0.0 { (p.x, p.y) } else { (fold(p.x, p.y), fold(p.y, p.x)) };
+    [x, y].map(|x| (127.0 * x).round() as i32)
+}
+
+/// Bits of some symbols, each as often as it is counted.
+fn entropy(counts: &HashMap<u64, u64>) -> f64 {
+    let all = counts.values().sum::<u64>() as f64;
+    counts.values().map(|&c| -(c as f64) * (c as f64 / all).log2()).sum()
 }

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! You should see the levels of the hierarchy, then a line for each tolerance (nodes and triangles drawn, the error in pixels that is claimed, the one measured by
-//! other code), and `out/hlod/comparison.png`: a column for each tolerance from the original on, shaded above, every node in its own grey in the
+//! other code), and `out/hlod/comparison.png`: a column for each tolerance from the original on, shaded above, every node in a tint of its own in the
 //! middle, and four times the difference to the original below. `out/hlod/index.html` shows all together, `out/hlod/surface.hlod` is the hierarchy.
 
 mod page;
