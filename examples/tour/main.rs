@@ -7,7 +7,8 @@
 //! ```
 //!
 //! You should see progress bars, a short table, and then `out/tour/index.html` with the frames of a camera path, a summary
-//! of the scene and plots of what each frame took. The frames also lie there as PNG, the last one's depth as EXR.
+//! of the scene, plots of what each frame took, and a moment at full rate, when what one frame knows serves the next. The frames also lie there as PNG, the last
+//! one's depth as EXR.
 
 mod built;
 mod casters;
