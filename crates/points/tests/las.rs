@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Folder, Random, all_points, sorted};
+use common::{Folder, Random, all_points, las_start, sorted};
 use farsight_points::{
     BuildOptions, Input, LasOptions, NodeData, Point, PointsError, Store, build, no_progress,
 };
@@ -31,18 +31,7 @@ impl File {
     }
 
     fn bytes(&self) -> Vec<u8> {
-        let mut h = Vec::new();
-        h.extend(b"LASF");
-        h.extend([0; 20]);
-        h.extend([1, 2]);
-        h.extend([0; 68]);
-        h.extend(227u16.to_le_bytes());
-        h.extend(227u32.to_le_bytes());
-        h.extend(0u32.to_le_bytes());
-        h.push(2);
-        h.extend(26u16.to_le_bytes());
-        h.extend(self.declared.to_le_bytes());
-        h.extend([0; 20]);
+        let mut h = las_start(self.declared);
         [SCALE; 3].iter().chain(&OFFSET).for_each(|v| h.extend(v.to_le_bytes()));
         self.bounds
             .iter()
@@ -81,6 +70,18 @@ fn write(folder: &Folder, bytes: &[u8]) -> PathBuf {
     let path = folder.path("in.las");
     std::fs::write(&path, bytes).unwrap();
     path
+}
+
+/// The same points as LAZ.
+fn compressed(folder: &Folder, las: &Path) -> PathBuf {
+    let laz = folder.path("in.laz");
+    let mut reader = las::Reader::from_path(las).unwrap();
+    let mut header = las::Builder::from(reader.header().clone());
+    header.point_format.is_compressed = true;
+    let mut writer = las::Writer::from_path(&laz, header.into_header().unwrap()).unwrap();
+    writer.write_points(&reader.read_all().unwrap()).unwrap();
+    drop(writer);
+    laz
 }
 
 #[test]
@@ -134,13 +135,7 @@ fn attributes_and_colours_of_las_and_laz_agree() {
     let folder = Folder::new("laz");
     let points = cloud(130_000, 7, [60_000, 70_000, 900]);
     let las = write(&folder, &File::new(points.clone()).bytes());
-    let laz = folder.path("in.laz");
-    let mut reader = las::Reader::from_path(&las).unwrap();
-    let mut header = las::Builder::from(reader.header().clone());
-    header.point_format.is_compressed = true;
-    let mut writer = las::Writer::from_path(&laz, header.into_header().unwrap()).unwrap();
-    writer.write_points(&reader.read_all().unwrap()).unwrap();
-    drop(writer);
+    let laz = compressed(&folder, &las);
     let mut options = LasOptions::default();
     options.attributes = true;
     let mut files = Vec::new();
@@ -164,13 +159,7 @@ fn attributes_and_colours_of_las_and_laz_agree() {
 fn mutated_files_give_errors_or_points() {
     let folder = Folder::new("mutated");
     let las = write(&folder, &File::new(cloud(2000, 8, [3000; 3])).bytes());
-    let laz = folder.path("in.laz");
-    let mut reader = las::Reader::from_path(&las).unwrap();
-    let mut header = las::Builder::from(reader.header().clone());
-    header.point_format.is_compressed = true;
-    let mut writer = las::Writer::from_path(&laz, header.into_header().unwrap()).unwrap();
-    writer.write_points(&reader.read_all().unwrap()).unwrap();
-    drop(writer);
+    let laz = compressed(&folder, &las);
     // The decoder's panics are caught; they need not fill the screen.
     std::panic::set_hook(Box::new(|_| ()));
     let mut random = Random(9);

@@ -117,10 +117,9 @@ pub fn all_points(store: &Store) -> Vec<Point> {
     all
 }
 
-/// The points as a LAS 1.2 file of format 2.
-pub fn las_bytes(points: &[Point]) -> Vec<u8> {
-    let grid = grid();
-    let mut h = Vec::with_capacity(227 + 26 * points.len());
+/// The start of a LAS 1.2 file of so many points of format 2, up to where its numbers about positions begin.
+pub fn las_start(points: u32) -> Vec<u8> {
+    let mut h = Vec::new();
     h.extend(b"LASF");
     h.extend([0; 20]);
     h.extend([1, 2]);
@@ -130,8 +129,15 @@ pub fn las_bytes(points: &[Point]) -> Vec<u8> {
     h.extend(0u32.to_le_bytes());
     h.push(2);
     h.extend(26u16.to_le_bytes());
-    h.extend((points.len() as u32).to_le_bytes());
+    h.extend(points.to_le_bytes());
     h.extend([0; 20]);
+    h
+}
+
+/// The points as a LAS 1.2 file of format 2.
+pub fn las_bytes(points: &[Point]) -> Vec<u8> {
+    let grid = grid();
+    let mut h = las_start(points.len() as u32);
     for v in grid.scale.to_array().into_iter().chain(grid.offset.to_array()).chain([0.0; 6]) {
         h.extend(v.to_le_bytes());
     }
