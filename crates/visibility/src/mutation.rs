@@ -14,9 +14,9 @@ const EACH: usize = 4;
 /// Triangles, side by side in the picture, that rays of one viewpoint go past.
 const TOGETHER: usize = 8;
 
-/// Farthest past an edge, in radians. As far as gaps are wide: a tenth of it leaves several times as many false pixels among
-/// loose cubes, a third of it a fifth more, and in towns and on scans it makes no difference.
-const FARTHEST: f64 = 0.3;
+/// Farthest past an edge, in radians. As far as gaps are wide: a twentieth of it leaves several times as many false pixels among
+/// loose cubes, half of it a third more. Half as much again finds no more, and bundles that wide cost a tenth of the speed on scans.
+const FARTHEST: f64 = 0.2;
 
 /// About 2ˣ for x from 0 to 1023: exact for whole numbers, straight between them.
 fn power_of_two(x: f64) -> f64 {
