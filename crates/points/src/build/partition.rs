@@ -215,15 +215,22 @@ impl<'a> Lane<'a> {
         }
     }
 
-    /// Adds a point by its coordinates from the corner of the cell that is cut.
+    /// The bucket of a point by its coordinates from the corner of the cell that is cut; `None` where no point was counted.
+    #[inline(always)]
+    fn bucket(&self, inside: [u32; 3]) -> Option<usize> {
+        let bucket = self.cut.bucket_of[cell_index(inside, self.below, self.cut.level)] as usize;
+        (bucket < self.targets.len()).then_some(bucket)
+    }
+
+    /// Adds a point to a bucket by its coordinates from the corner of the cell that is cut.
     #[inline(always)]
     fn push<const W: usize>(
         &mut self,
+        bucket: usize,
         inside: [u32; 3],
         rgb: u32,
         attributes: [u64; W],
     ) -> Result<(), PointsError> {
-        let bucket = self.cut.bucket_of[cell_index(inside, self.below, self.cut.level)] as usize;
         let Target { compact, mask, .. } = self.targets[bucket];
         let own = inside.map(|v| v & mask);
         let chunk = self.room::<W>(bucket, compact)?;
@@ -391,7 +398,9 @@ pub(super) fn partition<const W: usize>(
             if frame.bits < 32 && (local[0] | local[1] | local[2]) >> frame.bits != 0 {
                 return Err(changed(&part.name));
             }
-            lane.push(local, part.layout.rgb(record, colour_shift), part.layout.words::<W>(record))?;
+            let bucket = lane.bucket(local).ok_or_else(|| changed(&part.name))?;
+            let (rgb, attributes) = (part.layout.rgb(record, colour_shift), part.layout.words::<W>(record));
+            lane.push(bucket, local, rgb, attributes)?;
         }
         abort.advance(Stage::Partition, block.points as u64, total)?;
         Ok(true)
