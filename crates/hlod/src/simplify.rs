@@ -258,19 +258,22 @@ struct Measure<'a> {
 }
 
 impl Measure<'_> {
-    /// An upper bound of the distance of what is bad, and of what is certified with a larger reach than that and the tolerance.
-    fn all(&self, state: &mut CertifiedSurface, mut bad: Bad) -> Result<f64, HlodError> {
-        let squared = |length: f64| self.frame.length_in(length).powi(2);
-        // The certificates with the largest reach first: what they really need may be more than all others claim.
-        let limit_sq = squared(self.tolerance);
-        bad.add_beyond(state, limit_sq.max(0.5 * state.reach().powi(2)));
-        let worst = self.part(state, bad)?;
-        let mut bad = Bad::default();
-        bad.add_beyond(state, limit_sq.max(squared(worst)));
-        Ok(worst.max(self.part(state, bad)?))
+    /// An upper bound of the distance of what is bad. The certificates that reach farthest are replaced by what is measured, too.
+    fn all(&self, state: &mut CertifiedSurface, bad: Bad) -> Result<f64, HlodError> {
+        let claimed = self.frame.length_out(state.reach()).max(self.tolerance);
+        let upper = self.part(state, bad, claimed, f64::INFINITY)?;
+        let mut worst = Bad::default();
+        if upper < claimed {
+            worst.add_beyond(
+                state,
+                self.frame.length_in(self.tolerance).powi(2).max(0.5 * state.reach().powi(2)),
+            );
+        }
+        Ok(upper.max(self.part(state, worst, claimed, claimed)?))
     }
 
-    fn part(&self, state: &CertifiedSurface, bad: Bad) -> Result<f64, HlodError> {
+    /// An upper bound of the distance of a part, at most one that is known. Below `enough` it need not be the best one.
+    fn part(&self, state: &CertifiedSurface, bad: Bad, enough: f64, known: f64) -> Result<f64, HlodError> {
         if bad.is_empty() {
             return Ok(0.0);
         }
@@ -292,31 +295,30 @@ impl Measure<'_> {
         let mut upper = 0.0f64;
         if !failed.faces.is_empty() {
             let around = triangles(&failed.triangles_around)?;
-            upper = upper.max(self.distance(&faces(&failed.faces)?, &around, mesh));
+            upper = upper.max(self.distance(&faces(&failed.faces)?, &around, mesh, enough, known));
         }
         if !failed.triangles.is_empty() {
             let around = faces(&failed.faces_around)?;
-            upper = upper.max(self.distance(&triangles(&failed.triangles)?, &around, simple));
+            upper = upper.max(self.distance(&triangles(&failed.triangles)?, &around, simple, enough, known));
         }
         Ok(upper)
     }
 
-    fn distance(&self, of: &TriangleMesh, around: &TriangleMesh, whole: &TriangleMesh) -> f64 {
+    fn distance(
+        &self,
+        of: &TriangleMesh,
+        around: &TriangleMesh,
+        whole: &TriangleMesh,
+        enough: f64,
+        known: f64,
+    ) -> f64 {
         let options = HausdorffOptions::new(MEASURE_SHARE * self.tolerance).with_max_splits(MEASURE_SPLITS);
-        // The distance to a part is never below that to the whole: where it is good enough, it need not be looked for any farther. Nearly everything
-        // is no part.
-        if !around.is_empty() && 4 * around.triangles().len() < whole.triangles().len() {
-            let near = one_sided(of, &Surface::new(around), &options).upper;
-            if near <= self.tolerance || !self.has_borders() {
-                return near;
-            }
-        }
-        one_sided(of, &Surface::new(whole), &options).upper
-    }
-
-    /// Whether what is nearest may be across a crack.
-    fn has_borders(&self) -> bool {
-        self.original.neighbours.iter().flatten().any(|&n| n == NONE)
+        let to = |surface: &TriangleMesh| one_sided(of, &Surface::new(surface), &options).upper;
+        // The distance to a part is never below that to the whole: what is nearest may be elsewhere, if only across a crack. Nearly everything is
+        // no part.
+        let is_part = !around.is_empty() && 4 * around.triangles().len() < whole.triangles().len();
+        let near = if is_part { to(around) } else { f64::INFINITY };
+        if near.min(known) <= enough { near.min(known) } else { near.min(to(whole)) }
     }
 }
 
