@@ -95,7 +95,7 @@ pub(crate) struct Failed {
 }
 
 /// How often the tolerance is widened, by a factor of √2, for what it is too narrow for.
-const WIDENINGS: u32 = 6;
+const WIDENINGS: u32 = 4;
 
 /// Certifies what can be, by distance alone: faces may have turned over. Takes nothing back. Where the tolerance is too narrow, larger ones are
 /// tried; what they prove is right, and may be far above the truth.
@@ -315,7 +315,8 @@ impl<'a> Work<'a> {
                         straddling.push((t, f));
                     }
                 });
-            let judged = self.appearance.map(|a| a.judge(original, &facet, self.flood.below()));
+            let limit_sq = if self.flood.any_side { f64::INFINITY } else { tolerance_sq };
+            let judged = self.appearance.map(|a| a.judge(original, &facet, self.flood.below(), limit_sq));
             // By distance alone: what it looks like is reported, and holds nothing up.
             let certified = certified.filter(|_| {
                 self.flood.any_side || judged.is_none_or(|(_, error_sq)| error_sq <= tolerance_sq)

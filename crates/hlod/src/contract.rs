@@ -3,7 +3,7 @@
 //! A contraction is made only if every face that it changes gets both certificates: the flood below it, and a cover of
 //! every original triangle that the old faces covered. Nothing else of the surface is looked at, since nothing else changes.
 
-use crate::appearance::{Appearance, Look};
+use crate::appearance::{Appearance, Field, Look};
 use crate::certify::CertifiedSurface;
 use crate::complex::{Complex, Marks, Surroundings, on_border};
 use crate::cover::Coverer;
@@ -361,6 +361,9 @@ impl<'a> Contractor<'a> {
         if !self.around.keep_orientation(&self.state.surface, at) || !self.make_faces(u, v, at) {
             return false;
         }
+        if self.will_look_wrong(u, v, at) {
+            return false;
+        }
         let culprits = [self.culprit[u as usize], self.culprit[v as usize]];
         if culprits.iter().any(|&t| self.will_fail(u, v, t)) {
             return false;
@@ -452,6 +455,38 @@ impl<'a> Contractor<'a> {
                 && claims.faces_of(triangle).all(|f| self.is_touched(f, u, v))
     }
 
+    /// Whether the vertices that go would look too wrong on the new faces: most that fails for its looks fails there.
+    fn will_look_wrong(&self, u: u32, v: u32, at: DVec3) -> bool {
+        let Some(appearance) = self.appearance else { return false };
+        let CertifiedSurface { surface: s, looks, .. } = &self.state;
+        let Some(shared) = s.faces_at(u).find(|&f| s.faces[f as usize].contains(&v)) else { return false };
+        let look_of = |f: u32, x: u32| {
+            let corner = s.faces[f as usize].iter().position(|&y| y == x);
+            corner.map(|c| looks[f as usize][c])
+        };
+        let (Some(look_u), Some(look_v)) = (look_of(shared, u), look_of(shared, v)) else { return false };
+        let [p, q] = [u, v].map(|x| s.points[x as usize]);
+        let t = ((at - p).dot(q - p) / p.distance_squared(q)).clamp(0.0, 1.0) as f32;
+        let look = look_u.blend(&look_v, t);
+        self.news.iter().any(|new| {
+            // A face beyond a seam looks otherwise.
+            let (x, old) = if s.faces[new.face as usize].contains(&u) { (u, look_u) } else { (v, look_v) };
+            let Some(c) = s.faces[new.face as usize].iter().position(|&y| y == x) else { return false };
+            let mut corners = looks[new.face as usize];
+            if !corners[c].is_like(&old) {
+                return false;
+            }
+            corners[c] = look;
+            let inside = [(p, look_u), (q, look_v)].map(|(p, look)| (new.facet.shadow(p), look));
+            let mut inside = inside.iter().filter(|(s, _)| s.l.iter().all(|&l| l >= 0.0)).peekable();
+            if inside.peek().is_none() {
+                return false;
+            }
+            let field = Field::new(&new.facet, corners);
+            inside.any(|(s, wanted)| appearance.error_sq(&field, s, wanted) > self.tolerance_sq)
+        })
+    }
+
     /// Backward certificates of the new faces, noting on the way whom they cover. Fails with the triangle to blame.
     fn certify_faces(&mut self) -> Result<(), u32> {
         let original = self.original;
@@ -489,8 +524,9 @@ impl<'a> Contractor<'a> {
                 self.failed_at = self.news[i].face;
                 return Err(last);
             };
-            new.look = self.appearance.map(|a| a.judge(original, &new.facet, self.flood.below()));
+            new.look = self.appearance.map(|a| a.judge(original, &new.facet, self.flood.below(), tolerance_sq));
             if new.look.is_some_and(|(_, error_sq)| error_sq > tolerance_sq) {
+                self.failed_at = new.face;
                 return Err(NONE);
             }
             new.seed = certified.seed;
