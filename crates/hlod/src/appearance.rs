@@ -146,13 +146,15 @@ impl<'a> Appearance<'a> {
     }
 
     /// Looks of a facet's corners, taken from the triangles below it, and the square of the largest error (off and along the
-    /// surface together) of their corners; once that is above the limit, it need not be the largest.
+    /// surface together) of their corners; once that is above the limit, it need not be the largest. `worst_at` becomes where it is: a triangle and
+    /// one of its corners.
     pub(crate) fn judge(
         &self,
         original: &Original,
         facet: &Facet,
         below: &[u32],
         limit_sq: f64,
+        worst_at: &mut (u32, usize),
     ) -> ([Look; 3], f64) {
         let mut looks = [None; 3];
         let mut inside: Vec<(u32, usize, Shadow)> = Vec::with_capacity(below.len() * 2);
@@ -184,7 +186,10 @@ impl<'a> Appearance<'a> {
         let field = Field::new(facet, looks);
         let mut worst = 0.0f64;
         for (t, k, s) in inside {
-            worst = worst.max(self.error_sq(&field, &s, &self.corner(original, t, k)));
+            let error_sq = self.error_sq(&field, &s, &self.corner(original, t, k));
+            if error_sq > worst {
+                (worst, *worst_at) = (error_sq, (t, k));
+            }
             if worst > limit_sq {
                 break;
             }
@@ -196,7 +201,8 @@ impl<'a> Appearance<'a> {
     pub(crate) fn error_sq(&self, field: &Field, s: &Shadow, wanted: &Look) -> f64 {
         let there = Look::mix([0, 1, 2].map(|i| (field.looks[i], s.l[i] as f32)));
         let difference = self.seen(wanted.difference(&there));
-        let along = (0..3).map(|a| shift(difference[a], field.rates[a], a, field.longest)).fold(0.0, f64::max);
+        let along =
+            (0..3).map(|a| shift(difference[a], field.rates[a], a, field.longest)).fold(0.0, f64::max);
         s.h * s.h + along * along
     }
 

@@ -316,7 +316,9 @@ impl<'a> Work<'a> {
                     }
                 });
             let limit_sq = if self.flood.any_side { f64::INFINITY } else { tolerance_sq };
-            let judged = self.appearance.map(|a| a.judge(original, &facet, self.flood.below(), limit_sq));
+            let judged = self
+                .appearance
+                .map(|a| a.judge(original, &facet, self.flood.below(), limit_sq, &mut (NONE, 0)));
             // By distance alone: what it looks like is reported, and holds nothing up.
             let certified = certified.filter(|_| {
                 self.flood.any_side || judged.is_none_or(|(_, error_sq)| error_sq <= tolerance_sq)
