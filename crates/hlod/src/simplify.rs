@@ -171,7 +171,7 @@ pub(crate) fn simplify_between(
     original.lines.iter().flatten().for_each(|&v| roles.lock(v));
     let mut counters = Counters::new();
     counters.add("triangles", mesh.triangles().len() as u64);
-    let Reduced { mut state, unproven, bytes } =
+    let Reduced { state, unproven, bytes } =
         reduce(&original, &frame, &roles, appearance, limit, options.tier, &mut counters);
     let simple = match appearance {
         Some(a) => output_with_looks(mesh, &frame, &original, &state, a, ALIKE * limit)?,
@@ -179,9 +179,8 @@ pub(crate) fn simplify_between(
     };
     let measured = match unproven {
         Some((bad, log)) => {
-            let measure =
-                Measure { mesh, simple: &simple, frame: &frame, original: &original, log, tolerance };
-            Some(measure.all(&mut state, bad)?)
+            let measure = Measure { mesh, simple: &simple, original: &original, log, tolerance };
+            Some(measure.bound(&state, bad)?)
         }
         None => None,
     };
@@ -247,33 +246,18 @@ fn reduce(
     Reduced { state, unproven: None, bytes }
 }
 
-/// Finds out by branch and bound what certificates do not tell, or not well enough.
+/// Finds out by branch and bound what certificates do not tell.
 struct Measure<'a> {
     mesh: &'a TriangleMesh,
     simple: &'a TriangleMesh,
-    frame: &'a Frame,
     original: &'a Original,
     log: Log,
     tolerance: f64,
 }
 
 impl Measure<'_> {
-    /// An upper bound of the distance of what is bad. The certificates that reach farthest are replaced by what is measured, too.
-    fn all(&self, state: &mut CertifiedSurface, bad: Bad) -> Result<f64, HlodError> {
-        let claimed = self.frame.length_out(state.reach()).max(self.tolerance);
-        let upper = self.part(state, bad, claimed, f64::INFINITY)?;
-        let mut worst = Bad::default();
-        if upper < claimed {
-            worst.add_beyond(
-                state,
-                self.frame.length_in(self.tolerance).powi(2).max(0.5 * state.reach().powi(2)),
-            );
-        }
-        Ok(upper.max(self.part(state, worst, claimed, claimed)?))
-    }
-
-    /// An upper bound of the distance of a part, at most one that is known. Below `enough` it need not be the best one.
-    fn part(&self, state: &CertifiedSurface, bad: Bad, enough: f64, known: f64) -> Result<f64, HlodError> {
+    /// An upper bound of the distance of what is bad.
+    fn bound(&self, state: &CertifiedSurface, bad: Bad) -> Result<f64, HlodError> {
         if bad.is_empty() {
             return Ok(0.0);
         }
@@ -295,30 +279,19 @@ impl Measure<'_> {
         let mut upper = 0.0f64;
         if !failed.faces.is_empty() {
             let around = triangles(&failed.triangles_around)?;
-            upper = upper.max(self.distance(&faces(&failed.faces)?, &around, mesh, enough, known));
+            upper = upper.max(self.distance(&faces(&failed.faces)?, &around, mesh));
         }
         if !failed.triangles.is_empty() {
             let around = faces(&failed.faces_around)?;
-            upper = upper.max(self.distance(&triangles(&failed.triangles)?, &around, simple, enough, known));
+            upper = upper.max(self.distance(&triangles(&failed.triangles)?, &around, simple));
         }
         Ok(upper)
     }
 
-    fn distance(
-        &self,
-        of: &TriangleMesh,
-        around: &TriangleMesh,
-        whole: &TriangleMesh,
-        enough: f64,
-        known: f64,
-    ) -> f64 {
+    /// The distance to what lies around, if anything is said to, is never below that to the whole.
+    fn distance(&self, of: &TriangleMesh, around: &TriangleMesh, whole: &TriangleMesh) -> f64 {
         let options = HausdorffOptions::new(MEASURE_SHARE * self.tolerance).with_max_splits(MEASURE_SPLITS);
-        let to = |surface: &TriangleMesh| one_sided(of, &Surface::new(surface), &options).upper;
-        // The distance to a part is never below that to the whole: what is nearest may be elsewhere, if only across a crack. Nearly everything is
-        // no part.
-        let is_part = !around.is_empty() && 4 * around.triangles().len() < whole.triangles().len();
-        let near = if is_part { to(around) } else { f64::INFINITY };
-        if near.min(known) <= enough { near.min(known) } else { near.min(to(whole)) }
+        one_sided(of, &Surface::new(if around.is_empty() { whole } else { around }), &options).upper
     }
 }
 

@@ -105,9 +105,9 @@ fn the_fast_tier_reports_what_it_really_did() {
             let seen = sampled(&mesh, &simple.mesh).max(sampled(&simple.mesh, &mesh));
             let claim = simple.geometric.value;
             assert!(seen <= claim, "{name} 1/{share}: {seen} above {claim}");
-            // Not an idle bound: above the request, it is not far from the truth.
+            // Not an idle bound: above the request, it is near the truth.
             let d = measure(&mesh, &simple, tolerance);
-            assert!(claim <= tolerance || claim <= 2.0 * d.upper, "{name} {claim} {d:?}");
+            assert!(claim <= tolerance || claim <= d.upper + 0.05 * tolerance, "{name} {claim} {d:?}");
         }
     }
 }
