@@ -52,6 +52,17 @@ impl Look {
         }
     }
 
+    /// What lies `t` of the way to another.
+    pub(crate) fn blend(&self, other: &Self, t: f32) -> Self {
+        Self::mix([(*self, 1.0 - t), (*other, t), (*other, 0.0)])
+    }
+
+    /// Whether nobody sees a difference.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let d = self.difference(other);
+        (0..3).all(|a| d[a] <= UNSEEN[a])
+    }
+
     fn difference(&self, other: &Self) -> Difference {
         let (a, b) = (self.normal, other.normal);
         // Accurate for small angles too; a missing normal differs from nothing.
@@ -61,6 +72,19 @@ impl Look {
             2.0 * (a - b).length().atan2((a + b).length())
         };
         [angle, self.uv.distance(other.uv), self.colour.distance(other.colour)]
+    }
+}
+
+/// Attributes over a facet, prepared for many questions.
+pub(crate) struct Field {
+    looks: [Look; 3],
+    rates: [f64; 3],
+    longest: f64,
+}
+
+impl Field {
+    pub(crate) fn new(facet: &Facet, looks: [Look; 3]) -> Self {
+        Self { looks, rates: rates(facet, &looks), longest: longest_side(facet) }
     }
 }
 
@@ -91,7 +115,7 @@ impl<'a> Appearance<'a> {
 
     /// How far along a line between two looks the one that `found` is lies from where it should be: `t` of the way.
     pub(crate) fn shift_on_line(&self, ends: [Look; 2], t: f32, found: &Look, length: f64) -> f64 {
-        let there = Look::mix([(ends[0], 1.0 - t), (ends[1], t), (ends[1], 0.0)]);
+        let there = ends[0].blend(&ends[1], t);
         let (off, rate) = (self.seen(found.difference(&there)), ends[0].difference(&ends[1]));
         (0..3).map(|a| shift(off[a], f64::from(rate[a]) / length, a, length)).fold(0.0, f64::max)
     }
@@ -122,8 +146,16 @@ impl<'a> Appearance<'a> {
     }
 
     /// Looks of a facet's corners, taken from the triangles below it, and the square of the largest error (off and along the
-    /// surface together) of their corners.
-    pub(crate) fn judge(&self, original: &Original, facet: &Facet, below: &[u32]) -> ([Look; 3], f64) {
+    /// surface together) of their corners; once that is above the limit, it need not be the largest. `worst_at` becomes where it is: a triangle and
+    /// one of its corners.
+    pub(crate) fn judge(
+        &self,
+        original: &Original,
+        facet: &Facet,
+        below: &[u32],
+        limit_sq: f64,
+        worst_at: &mut (u32, usize),
+    ) -> ([Look; 3], f64) {
         let mut looks = [None; 3];
         let mut inside: Vec<(u32, usize, Shadow)> = Vec::with_capacity(below.len() * 2);
         for &t in below {
@@ -151,16 +183,27 @@ impl<'a> Appearance<'a> {
         let looks: [Look; 3] = std::array::from_fn(|c| {
             looks[c].unwrap_or_else(|| self.nearest(original, below, facet.corners[c]))
         });
-        let rates = rates(facet, &looks);
-        let longest = longest_side(facet);
+        let field = Field::new(facet, looks);
         let mut worst = 0.0f64;
         for (t, k, s) in inside {
-            let there = Look::mix([0, 1, 2].map(|i| (looks[i], s.l[i] as f32)));
-            let difference = self.seen(self.corner(original, t, k).difference(&there));
-            let along = (0..3).map(|a| shift(difference[a], rates[a], a, longest)).fold(0.0, f64::max);
-            worst = worst.max(s.h * s.h + along * along);
+            let error_sq = self.error_sq(&field, &s, &self.corner(original, t, k));
+            if error_sq > worst {
+                (worst, *worst_at) = (error_sq, (t, k));
+            }
+            if worst > limit_sq {
+                break;
+            }
         }
         (looks, worst)
+    }
+
+    /// The square of the error, off and along the surface together, of a point that should look like `wanted`.
+    pub(crate) fn error_sq(&self, field: &Field, s: &Shadow, wanted: &Look) -> f64 {
+        let there = Look::mix([0, 1, 2].map(|i| (field.looks[i], s.l[i] as f32)));
+        let difference = self.seen(wanted.difference(&there));
+        let along =
+            (0..3).map(|a| shift(difference[a], field.rates[a], a, field.longest)).fold(0.0, f64::max);
+        s.h * s.h + along * along
     }
 
     fn mixed(&self, original: &Original, t: u32, weights: [f64; 3]) -> Look {

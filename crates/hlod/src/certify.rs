@@ -85,7 +85,8 @@ pub(crate) struct Bad {
     pub triangles: Vec<u32>,
 }
 
-/// What has no certificate, and what of the other surface lies around it along the surface: what is nearest may be elsewhere, if only across a crack.
+/// What has no certificate, and what of the other surface lies around it; nothing where the original has borders, since what is
+/// nearest may then be across a crack.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Failed {
     pub faces: Vec<u32>,
@@ -94,11 +95,7 @@ pub(crate) struct Failed {
     pub faces_around: Vec<u32>,
 }
 
-/// How often the tolerance is widened, by a factor of √2, for what it is too narrow for.
-const WIDENINGS: u32 = 6;
-
-/// Certifies what can be, by distance alone: faces may have turned over. Takes nothing back. Where the tolerance is too narrow, larger ones are
-/// tried; what they prove is right, and may be far above the truth.
+/// Certifies what can be, by distance alone: faces may have turned over. Takes nothing back.
 pub(crate) fn certify_some(
     original: &Original,
     surface: Complex,
@@ -110,34 +107,11 @@ pub(crate) fn certify_some(
     work.flood.any_side = true;
     let faces: Vec<u32> = work.certified.surface.live_faces().collect();
     work.certify(&faces);
-    for _ in 0..WIDENINGS {
-        let (faces, triangles) =
-            (std::mem::take(&mut work.bad_faces), std::mem::take(&mut work.bad_triangles));
-        work.tolerance_sq *= 2.0;
-        work.flood_faces(&faces);
-        work.cover(triangles.into_iter());
-    }
     let counts = work.counts();
     (work.certified, counts, Bad { faces: work.bad_faces, triangles: work.bad_triangles })
 }
 
 impl Bad {
-    /// Adds what is certified with a larger reach than `limit_sq` only, and gives up those certificates.
-    pub(crate) fn add_beyond(&mut self, certified: &mut CertifiedSurface, limit_sq: f64) {
-        for f in certified.surface.live_faces() {
-            let reach_sq = &mut certified.reach_sq[f as usize];
-            if *reach_sq > limit_sq {
-                *reach_sq = 0.0;
-                self.faces.push(f);
-                self.triangles.extend(certified.claims.triangles_of(f));
-            }
-        }
-        for list in [&mut self.faces, &mut self.triangles] {
-            list.sort_unstable();
-            list.dedup();
-        }
-    }
-
     pub(crate) fn is_empty(&self) -> bool {
         self.faces.is_empty() && self.triangles.is_empty()
     }
@@ -153,6 +127,9 @@ impl Bad {
             marked
         };
         let mut failed = Failed::default();
+        if original.neighbours.iter().flatten().any(|&n| n == NONE) {
+            return Failed { faces, triangles, ..failed };
+        }
         if !faces.is_empty() {
             let marked = around(faces.iter().flat_map(|&f| surface.faces[f as usize]).collect());
             let near = |v: &u32| marked[log.representative(*v) as usize];
@@ -315,7 +292,10 @@ impl<'a> Work<'a> {
                         straddling.push((t, f));
                     }
                 });
-            let judged = self.appearance.map(|a| a.judge(original, &facet, self.flood.below()));
+            let limit_sq = if self.flood.any_side { f64::INFINITY } else { tolerance_sq };
+            let judged = self
+                .appearance
+                .map(|a| a.judge(original, &facet, self.flood.below(), limit_sq, &mut (NONE, 0)));
             // By distance alone: what it looks like is reported, and holds nothing up.
             let certified = certified.filter(|_| {
                 self.flood.any_side || judged.is_none_or(|(_, error_sq)| error_sq <= tolerance_sq)

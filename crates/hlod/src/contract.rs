@@ -3,7 +3,7 @@
 //! A contraction is made only if every face that it changes gets both certificates: the flood below it, and a cover of
 //! every original triangle that the old faces covered. Nothing else of the surface is looked at, since nothing else changes.
 
-use crate::appearance::{Appearance, Look};
+use crate::appearance::{Appearance, Field, Look};
 use crate::certify::CertifiedSurface;
 use crate::complex::{Complex, Marks, Surroundings, on_border};
 use crate::cover::Coverer;
@@ -29,6 +29,9 @@ const PULL: f64 = 1e-2;
 
 /// What the squared length of a pair adds to its cost, over the area around it: short pairs first where the surface is flat.
 const LENGTH: f64 = 1e-3;
+
+/// Squared height over a face, over the squared tolerance, above which an original triangle is taken to belong to another sheet.
+const SAME_SHEET_SQ: f64 = 16.0;
 
 /// Which pairs may be contracted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,6 +120,14 @@ impl Buckets {
     }
 }
 
+/// Why an attempt failed.
+enum Failure {
+    /// This original triangle is too far from the new faces.
+    Distance(u32),
+    /// At this corner of an original triangle, a new face looks too different.
+    Look((u32, usize)),
+}
+
 /// A face as a contraction would leave it.
 struct NewFace {
     face: u32,
@@ -158,6 +169,8 @@ pub(crate) struct Contractor<'a> {
     failed: Vec<(u32, u32, u32)>,
     /// The original triangle that the last failure at a vertex was about.
     culprit: Vec<u32>,
+    /// The corner of an original triangle that an attempt at a vertex last failed at for its looks; empty when nobody asked.
+    look_culprit: Vec<(u32, usize)>,
     /// The face that the last failure was about.
     failed_at: u32,
     is_gathered: Marks,
@@ -199,6 +212,7 @@ impl<'a> Contractor<'a> {
             clock: 1,
             failed: Vec::new(),
             culprit: vec![NONE; vertices],
+            look_culprit: vec![(NONE, 0); if appearance.is_some() { vertices } else { 0 }],
             failed_at: NONE,
             is_gathered: Marks::new(triangles),
             slot: vec![0; triangles],
@@ -222,7 +236,7 @@ impl<'a> Contractor<'a> {
             while let Some((key, pair)) = self.queue.pop() {
                 self.try_pair(key, pair, pass > 0);
             }
-            if pass > 0 && (self.counts.contractions - before) * 200 < self.state.surface.live as u64 {
+            if pass > 0 && (self.counts.contractions - before) * 50 < self.state.surface.live as u64 {
                 break;
             }
             let failed = std::mem::take(&mut self.failed);
@@ -361,15 +375,24 @@ impl<'a> Contractor<'a> {
         if !self.around.keep_orientation(&self.state.surface, at) || !self.make_faces(u, v, at) {
             return false;
         }
+        if self.will_look_wrong(u, v, at) {
+            return false;
+        }
         let culprits = [self.culprit[u as usize], self.culprit[v as usize]];
         if culprits.iter().any(|&t| self.will_fail(u, v, t)) {
             return false;
         }
         self.gather(u, v);
-        if let Err(culprit) = self.certify_faces().and_then(|()| self.cover_rest(u, v)) {
-            self.culprit[u as usize] = culprit;
-            self.culprit[v as usize] = culprit;
-            return false;
+        match self.certify_faces().and_then(|()| self.cover_rest(u, v)) {
+            Err(Failure::Distance(t)) => {
+                [u, v].iter().for_each(|&x| self.culprit[x as usize] = t);
+                return false;
+            }
+            Err(Failure::Look(corner)) => {
+                [u, v].iter().for_each(|&x| self.look_culprit[x as usize] = corner);
+                return false;
+            }
+            Ok(()) => {}
         }
         self.commit(u, v, at);
         true
@@ -438,7 +461,7 @@ impl<'a> Contractor<'a> {
             return false;
         }
         // Over a new face and too high there: the flood will find it, unless it belongs to another sheet.
-        let same_sheet_sq = 16.0 * self.tolerance_sq;
+        let same_sheet_sq = SAME_SHEET_SQ * self.tolerance_sq;
         let too_high = self.news.iter().any(|n| {
             let shadows = self.original.corners(triangle).map(|p| n.facet.shadow(p));
             let highest = shadows.iter().map(|s| s.h * s.h).fold(0.0, f64::max);
@@ -452,8 +475,64 @@ impl<'a> Contractor<'a> {
                 && claims.faces_of(triangle).all(|f| self.is_touched(f, u, v))
     }
 
-    /// Backward certificates of the new faces, noting on the way whom they cover. Fails with the triangle to blame.
-    fn certify_faces(&mut self) -> Result<(), u32> {
+    /// Whether the new faces would look too wrong where the vertices are that go, or where they did when an attempt last failed: by a guess of what
+    /// their common corner will look like.
+    fn will_look_wrong(&self, u: u32, v: u32, at: DVec3) -> bool {
+        let Some(appearance) = self.appearance else { return false };
+        let CertifiedSurface { surface: s, looks, .. } = &self.state;
+        let Some(shared) = s.faces_at(u).find(|&f| s.faces[f as usize].contains(&v)) else { return false };
+        let look_of = |f: u32, x: u32| {
+            let corner = s.faces[f as usize].iter().position(|&y| y == x);
+            corner.map(|c| looks[f as usize][c])
+        };
+        let (Some(look_u), Some(look_v)) = (look_of(shared, u), look_of(shared, v)) else { return false };
+        let [p, q] = [u, v].map(|x| s.points[x as usize]);
+        let t = ((at - p).dot(q - p) / p.distance_squared(q)).clamp(0.0, 1.0) as f32;
+        let look = look_u.blend(&look_v, t);
+        let mut culprits = [u, v].map(|x| self.look_culprit[x as usize]);
+        if culprits[0] == culprits[1] {
+            culprits[1].0 = NONE;
+        }
+        self.news.iter().any(|new| {
+            // A face beyond a seam looks otherwise.
+            let (x, old) = if s.faces[new.face as usize].contains(&u) { (u, look_u) } else { (v, look_v) };
+            let Some(c) = s.faces[new.face as usize].iter().position(|&y| y == x) else { return false };
+            let mut corners = looks[new.face as usize];
+            if !corners[c].is_like(&old) {
+                return false;
+            }
+            corners[c] = look;
+            let mut field = None;
+            let mut is_wrong = |at: DVec3, wanted: &Look| {
+                let s = new.facet.shadow(at);
+                if s.l.iter().any(|&l| l < 0.0) {
+                    return false;
+                }
+                let field = field.get_or_insert_with(|| Field::new(&new.facet, corners));
+                appearance.error_sq(field, &s, wanted) > self.tolerance_sq
+            };
+            if is_wrong(p, &look_u) || is_wrong(q, &look_v) {
+                return true;
+            }
+            culprits
+                .iter()
+                .filter(|&&(t, _)| t != NONE && self.is_below(t, &new.facet))
+                .any(|&(t, k)| is_wrong(self.original.corners(t)[k], &appearance.corner(self.original, t, k)))
+        })
+    }
+
+    /// Whether an original triangle lies below a face with its middle, and on the same sheet, as far as that can be told at once.
+    fn is_below(&self, triangle: u32, facet: &Facet) -> bool {
+        let [a, b, c] = self.original.corners(triangle);
+        let normal = (b - a).cross(c - a);
+        let s = facet.shadow((a + b + c) / 3.0);
+        s.l.iter().all(|&l| l >= 0.0)
+            && s.h * s.h < SAME_SHEET_SQ * self.tolerance_sq
+            && normal.dot(facet.normal) > 0.5 * normal.length()
+    }
+
+    /// Backward certificates of the new faces, noting on the way whom they cover. Fails with what is to blame.
+    fn certify_faces(&mut self) -> Result<(), Failure> {
         let original = self.original;
         let tolerance_sq = self.tolerance_sq;
         for i in 0..self.news.len() {
@@ -487,11 +566,15 @@ impl<'a> Contractor<'a> {
                 });
             let Some(certified) = certified else {
                 self.failed_at = self.news[i].face;
-                return Err(last);
+                return Err(Failure::Distance(last));
             };
-            new.look = self.appearance.map(|a| a.judge(original, &new.facet, self.flood.below()));
+            let mut worst_at = (NONE, 0);
+            new.look = self
+                .appearance
+                .map(|a| a.judge(original, &new.facet, self.flood.below(), tolerance_sq, &mut worst_at));
             if new.look.is_some_and(|(_, error_sq)| error_sq > tolerance_sq) {
-                return Err(NONE);
+                self.failed_at = new.face;
+                return Err(Failure::Look(worst_at));
             }
             new.seed = certified.seed;
             new.reach_sq = reach_sq.max(certified.reach_sq);
@@ -499,8 +582,8 @@ impl<'a> Contractor<'a> {
         Ok(())
     }
 
-    /// Forward certificates of the triangles that no new face covers alone. Fails with the triangle to blame.
-    fn cover_rest(&mut self, u: u32, v: u32) -> Result<(), u32> {
+    /// Forward certificates of the triangles that no new face covers alone. Fails with what is to blame.
+    fn cover_rest(&mut self, u: u32, v: u32) -> Result<(), Failure> {
         self.kept.clear();
         self.ring.clear();
         let mut kept = Vec::new();
@@ -523,7 +606,7 @@ impl<'a> Contractor<'a> {
             }
             let visitors = self.gathered[i].visitors;
             if !self.cover_one(i, visitors, &kept) && !self.cover_one(i, u64::MAX, &kept) {
-                return Err(triangle);
+                return Err(Failure::Distance(triangle));
             }
         }
         Ok(())

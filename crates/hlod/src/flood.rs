@@ -479,9 +479,8 @@ pub(crate) fn steep_reach_sq(
     }
     let mut part = Polygon::new(shadows.map(|s| [s.l[0], s.l[1], s.l[2], s.h]));
     for i in 0..3 {
-        match part.cut(|c| c[i])?.0 {
-            Some(inner) => part = inner,
-            None => return Some(0.0),
+        if !part.clip(|c| c[i])? {
+            return Some(0.0);
         }
     }
     let mut reach_sq = 0.0f64;

@@ -91,6 +91,41 @@ impl<P: Between> Polygon<P> {
         Some((Some(up), Some(down)))
     }
 
+    /// [`cut`](Self::cut), keeping the first part only; `false` when there is none.
+    pub(crate) fn clip(&mut self, value: impl Fn(P) -> f64) -> Option<bool> {
+        let mut values = [0.0; CORNERS];
+        let (mut above, mut below) = (false, false);
+        for (v, &c) in values.iter_mut().zip(self.corners()) {
+            *v = value(c);
+            above |= *v > 0.0;
+            below |= *v < 0.0;
+        }
+        if !(above && below) {
+            return Some(above);
+        }
+        if self.is_full() {
+            return None;
+        }
+        let (old, len) = (self.corners, self.len);
+        let mut crossings = 0;
+        self.len = 0;
+        for i in 0..len {
+            let j = if i + 1 == len { 0 } else { i + 1 };
+            let (a, b) = (values[i], values[j]);
+            if a >= 0.0 {
+                self.push(old[i]);
+            }
+            if (a > 0.0 && b < 0.0) || (a < 0.0 && b > 0.0) {
+                crossings += 1;
+                if crossings > 2 {
+                    return None;
+                }
+                self.push(old[i].between(old[j], a / (a - b)));
+            }
+        }
+        Some(true)
+    }
+
     /// Whether there is no room for the two corners that a cut adds at most.
     pub(crate) fn is_full(&self) -> bool {
         self.len + 2 > CORNERS
@@ -117,7 +152,11 @@ mod tests {
             pieces = pieces
                 .iter()
                 .flat_map(|p| {
-                    let (up, down) = p.cut(|x| (x[0] - 0.3) * s + (x[1] - 0.25) * c - 0.02).unwrap();
+                    let line = |x: [f64; 2]| (x[0] - 0.3) * s + (x[1] - 0.25) * c - 0.02;
+                    let (up, down) = p.cut(line).unwrap();
+                    let mut clipped = *p;
+                    assert_eq!(clipped.clip(line), Some(up.is_some()));
+                    assert!(up.is_none_or(|up| up.corners() == clipped.corners()));
                     [up, down].into_iter().flatten()
                 })
                 .collect();

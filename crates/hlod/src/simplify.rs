@@ -171,7 +171,7 @@ pub(crate) fn simplify_between(
     original.lines.iter().flatten().for_each(|&v| roles.lock(v));
     let mut counters = Counters::new();
     counters.add("triangles", mesh.triangles().len() as u64);
-    let Reduced { mut state, unproven, bytes } =
+    let Reduced { state, unproven, bytes } =
         reduce(&original, &frame, &roles, appearance, limit, options.tier, &mut counters);
     let simple = match appearance {
         Some(a) => output_with_looks(mesh, &frame, &original, &state, a, ALIKE * limit)?,
@@ -179,9 +179,8 @@ pub(crate) fn simplify_between(
     };
     let measured = match unproven {
         Some((bad, log)) => {
-            let measure =
-                Measure { mesh, simple: &simple, frame: &frame, original: &original, log, tolerance };
-            Some(measure.all(&mut state, bad)?)
+            let measure = Measure { mesh, simple: &simple, original: &original, log, tolerance };
+            Some(measure.bound(&state, bad)?)
         }
         None => None,
     };
@@ -247,30 +246,18 @@ fn reduce(
     Reduced { state, unproven: None, bytes }
 }
 
-/// Finds out by branch and bound what certificates do not tell, or not well enough.
+/// Finds out by branch and bound what certificates do not tell.
 struct Measure<'a> {
     mesh: &'a TriangleMesh,
     simple: &'a TriangleMesh,
-    frame: &'a Frame,
     original: &'a Original,
     log: Log,
     tolerance: f64,
 }
 
 impl Measure<'_> {
-    /// An upper bound of the distance of what is bad, and of what is certified with a larger reach than that and the tolerance.
-    fn all(&self, state: &mut CertifiedSurface, mut bad: Bad) -> Result<f64, HlodError> {
-        let squared = |length: f64| self.frame.length_in(length).powi(2);
-        // The certificates with the largest reach first: what they really need may be more than all others claim.
-        let limit_sq = squared(self.tolerance);
-        bad.add_beyond(state, limit_sq.max(0.5 * state.reach().powi(2)));
-        let worst = self.part(state, bad)?;
-        let mut bad = Bad::default();
-        bad.add_beyond(state, limit_sq.max(squared(worst)));
-        Ok(worst.max(self.part(state, bad)?))
-    }
-
-    fn part(&self, state: &CertifiedSurface, bad: Bad) -> Result<f64, HlodError> {
+    /// An upper bound of the distance of what is bad.
+    fn bound(&self, state: &CertifiedSurface, bad: Bad) -> Result<f64, HlodError> {
         if bad.is_empty() {
             return Ok(0.0);
         }
@@ -301,22 +288,10 @@ impl Measure<'_> {
         Ok(upper)
     }
 
+    /// The distance to what lies around, if anything is said to, is never below that to the whole.
     fn distance(&self, of: &TriangleMesh, around: &TriangleMesh, whole: &TriangleMesh) -> f64 {
         let options = measuring(self.tolerance);
-        // The distance to a part is never below that to the whole: where it is good enough, it need not be looked for any farther. Nearly everything
-        // is no part.
-        if !around.is_empty() && 4 * around.triangles().len() < whole.triangles().len() {
-            let near = one_sided(of, &Surface::new(around), &options).upper;
-            if near <= self.tolerance || !self.has_borders() {
-                return near;
-            }
-        }
-        one_sided(of, &Surface::new(whole), &options).upper
-    }
-
-    /// Whether what is nearest may be across a crack.
-    fn has_borders(&self) -> bool {
-        self.original.neighbours.iter().flatten().any(|&n| n == NONE)
+        one_sided(of, &Surface::new(if around.is_empty() { whole } else { around }), &options).upper
     }
 }
 
