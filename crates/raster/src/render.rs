@@ -96,7 +96,7 @@ pub fn relative_from_mesh(instance: &Instance, mesh: &TriangleMesh, origin: DVec
 ///
 /// # Errors
 /// [`RasterError::TargetSize`] when the camera's image times the supersampling is too large;
-/// [`RasterError::Option`] when the supersampling is zero.
+/// [`RasterError::Option`] when the supersampling is not between 1 and 64.
 pub fn render_scene(
     rasteriser: &mut Rasteriser,
     scene: &Scene,

@@ -113,7 +113,7 @@ pub struct ShadowView {
     pub texel: ErrorBound,
     /// The same for κ = 0.
     pub texel_uniform: ErrorBound,
-    /// Texels on a side, and those along each side that are kept free.
+    /// Texels on a side, those kept free included.
     pub side: u32,
     /// Texels kept free along each side.
     pub border: f64,
