@@ -17,7 +17,7 @@ struct Learned {
     texel: Millis,
 }
 
-/// Milliseconds that a texel takes until a map was drawn, and the weight of a new measurement.
+/// What a texel is taken to cost until a map was drawn, and the weight of a new measurement after that.
 const TEXEL: Millis = Millis(5e-6);
 const WEIGHT: f64 = 0.3;
 
@@ -113,8 +113,8 @@ impl<'a> Planning<'a> {
         &mut self.seen
     }
 
-    /// Plans for what was seen in an image of so many samples; `light` is what is known of the sun, `cell` of the eye's surroundings, and `jumped` tells whether
-    /// the eye is where it was not on its way to.
+    /// Plans for what was seen, in an image of so many samples. `light` is what is known of the sun, `cell` of what can be seen from around the eye;
+    /// `jumped` tells whether the eye is somewhere that its way from the last frame did not lead to.
     pub fn plan(
         &mut self,
         samples: f64,
@@ -133,7 +133,7 @@ impl<'a> Planning<'a> {
             cell,
             jumped,
         };
-        // What a frame takes whatever is in it is not to be had.
+        // What a frame takes whatever is in it cannot be planned away.
         let constant = self.costs.image.constant();
         let mut budget = self.budget;
         budget.limit = budget.limit.map(|l| (l - constant).max(Millis::ZERO));

@@ -95,7 +95,11 @@ impl ShadowMap {
         }
         let length = direction.length();
         if length.is_nan() || (length - 1.0).abs() > 1e-5 {
-            return Err(RasterError::Option { option: "length of direction", value: length, range: "1 ± 1e-5" });
+            return Err(RasterError::Option {
+                option: "length of direction",
+                value: length,
+                range: "1 ± 1e-5",
+            });
         }
         let (right, up) = direction.any_orthonormal_pair();
         let row = |axis: DVec3, w: f64| DVec4::new(axis.x, axis.y, axis.z, w);
