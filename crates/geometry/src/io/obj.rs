@@ -11,7 +11,7 @@
 mod build;
 mod material;
 
-use super::{Content, ImportError, Loaded, Siblings, short_name};
+use super::{Content, FAR, ImportError, Loaded, Siblings, short_name};
 use crate::points::PointCloud;
 use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
@@ -20,8 +20,6 @@ use std::path::Path;
 
 /// Most groups with faces, counted by name and material.
 const MAX_PARTS: usize = 1 << 18;
-/// Largest coordinates of the first vertex for which all are kept relative to it: from where steps of `f32` exceed 1/256 to far beyond any map.
-const FAR: std::ops::Range<f64> = 65_536.0..1e12;
 /// "No index" in corner lists.
 const NONE: u32 = u32::MAX;
 
