@@ -1,6 +1,6 @@
 //! A deterministic graphics card whose law none of the estimators knows.
 //!
-//! Its frames are made of what chapter 2.4.5 describes: every triangle is limited either by its vertices and setup or by its pixels
+//! Its frames are made of what Wimmer 2007, 2.4.5, describes: every triangle is limited either by its vertices and setup or by its pixels
 //! (a pipeline that holds one triangle at a time), pixels come in tiles, hidden pixels are turned away early, caches are cold at each
 //! change of object and warm for an object timed alone, and a system of two moods adds its time.
 
