@@ -25,8 +25,6 @@ use glam::{DAffine3, DVec2};
 pub struct Law {
     /// A vertex that misses the vertex cache.
     pub vertex: f64,
-    /// Entries of the vertex cache.
-    pub cache_size: u32,
     /// Setting a triangle up.
     pub setup: f64,
     /// Shading a visible pixel.
@@ -53,7 +51,6 @@ impl Default for Law {
     fn default() -> Self {
         Self {
             vertex: 45.0,
-            cache_size: 24,
             setup: 20.0,
             pixel: 5.0,
             hidden_pixel: 1.2,
