@@ -85,12 +85,12 @@ impl CasterStore {
 
 /// By how much a caster within `b` may be off, in world units, so that its shadow's edge is off by `px` pixels at most.
 pub fn tolerance(camera: &Camera, b: &DAabb, along: DVec3, px: f64) -> f64 {
-    // Wherever its shadow falls, it is at least as far from the eye as from here to the shadow's volume. Obliquely, it moves farther than its caster.
+    // Wherever the shadow falls, it is no nearer to the eye than what the box sweeps along the light.
     let distance = distance_to_sweep(camera.eye(), b, along).max(camera.near());
     camera.world_error(px, distance) * STEEPNESS
 }
 
-/// Sine of the lowest sun above the ground for which shadows move no farther than their casters' errors, stretched.
+/// Sine of the lowest elevation of light above a receiver that is allowed for, 30°: there a shadow moves twice as far as its caster.
 const STEEPNESS: f64 = 0.5;
 
 /// Distance from a point to what a box sweeps along a unit direction.
