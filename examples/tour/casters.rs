@@ -14,7 +14,7 @@ use std::path::Path;
 
 /// Most triangles that a hierarchy is built of: more would keep a tour waiting.
 const MOST_TRIANGLES: u64 = 250_000;
-/// Fewer are drawn sooner than chosen among.
+/// Fewer are sooner drawn than chosen among.
 const LEAST_TRIANGLES: u64 = 20_000;
 
 /// The hierarchy, and the nodes that have been drawn.
@@ -50,7 +50,7 @@ impl CasterStore {
         format!("a hierarchy of shadow casters: {nodes} nodes, {root} triangles in the root, errors proven")
     }
 
-    /// Chooses the casters for what is seen, such that no shadow's edge moves by more than `px` pixels; how many triangles they have.
+    /// Chooses the casters for what is seen, such that no shadow's edge moves by more than `px` pixels; returns the number of their triangles.
     pub fn choose(&mut self, camera: &Camera, along: DVec3, receivers: &[DAabb], px: f64) -> u64 {
         let all = receivers.iter().fold(DAabb::EMPTY, |a, b| a.union(*b));
         let seen = [ReceiverBox { level: 0, corners: all.corners() }];
@@ -60,7 +60,7 @@ impl CasterStore {
         self.chosen.triangles
     }
 
-    /// Draws what was chosen; how many nodes that was.
+    /// Draws what was chosen; returns the number of nodes.
     pub fn draw(
         &mut self,
         rasteriser: &mut Rasteriser,
@@ -85,12 +85,12 @@ impl CasterStore {
 
 /// By how much a caster within `b` may be off, in world units, so that its shadow's edge is off by `px` pixels at most.
 pub fn tolerance(camera: &Camera, b: &DAabb, along: DVec3, px: f64) -> f64 {
-    // Wherever its shadow falls, it is at least as far from the eye as from here to the shadow's volume. Obliquely, it moves farther than its caster.
+    // Wherever the shadow falls, it is no nearer to the eye than what the box sweeps along the light.
     let distance = distance_to_sweep(camera.eye(), b, along).max(camera.near());
     camera.world_error(px, distance) * STEEPNESS
 }
 
-/// Sine of the lowest sun above the ground for which shadows move no farther than their casters' errors, stretched.
+/// Sine of the lowest elevation of light above a receiver that is allowed for, 30°: there a shadow moves twice as far as its caster.
 const STEEPNESS: f64 = 0.5;
 
 /// Distance from a point to what a box sweeps along a unit direction.

@@ -14,7 +14,7 @@ use std::error::Error;
 const MOST_TRIANGLES: u64 = 4_000_000;
 /// Half the side of the cells, as a share of the scene's diagonal: room for a step in every direction.
 const STEP: f64 = 1e-3;
-/// Rays to find what is seen, and rays to see what was missed, with which confidence.
+/// Rays that find what is seen, rays that then look for what was missed, and the confidence of the bound on that.
 const RAYS: u64 = 300_000;
 const LOOKS: u64 = 20_000;
 const CONFIDENCE: f64 = 0.95;

@@ -28,12 +28,12 @@ struct Frame {
     time: Duration,
 }
 
-/// Whether a file holds points: all of them, or none.
+/// Whether a file holds points. Files that cannot be read do not: whoever loads them as a scene says why.
 pub fn is_cloud(path: &Path) -> bool {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match extension.as_deref() {
         Some("las" | "laz") => true,
-        // A PLY file may hold either.
+        // A PLY file may hold either, and only reading it tells.
         Some("ply") => farsight_geometry::io::load(path).is_ok_and(|l| l.into_points().is_some()),
         _ => false,
     }
@@ -64,8 +64,7 @@ pub fn tour(
     for i in 0..count {
         let camera = walk.camera_at(Walk::time(i, count), size[0], size[1])?;
         frames.push(frame(&store, &camera, colours, &mut traversal, &mut selection)?);
-        let path = folder.join(format!("frame_{i:03}.png"));
-        std::fs::write(&path, &frames[i].png).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+        crate::write(&folder.join(format!("frame_{i:03}.png")), &frames[i].png)?;
     }
     println!(
         "{:>6} {:>8} {:>11} {:>8} {:>11} {:>9}",
@@ -85,7 +84,7 @@ pub fn tour(
     let summary = format!("{} points, {:.1} × {:.1} × {:.1}", report.points, size.x, size.y, size.z);
     let page = page(paths, &summary, building, &report, &frames)?;
     let index = folder.join("index.html");
-    std::fs::write(&index, page).map_err(|e| format!("cannot write {}: {e}", index.display()))?;
+    crate::write(&index, page)?;
     println!("{}", index.display());
     Ok(())
 }

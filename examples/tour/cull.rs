@@ -67,6 +67,7 @@ impl Visibility {
                     };
                     self.culler.resolve(id, if hidden { Answer::OCCLUDED } else { Answer::VISIBLE });
                 }
+                // All queries are answered at once, so none is waited for.
                 Command::Flush => {}
                 Command::Done => break,
             }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// Meshes with fewer triangles are not worth coarser forms.
 pub const LEAST_TRIANGLES: usize = 200;
-/// Error of the finest form, as a share of the mesh's radius, and how it grows from form to form.
+/// Error of the finest form, as a share of the mesh's radius; by what it is multiplied from form to form; and how many forms are tried.
 const FINEST: f64 = 1.0 / 1024.0;
 const STEP: f64 = 2.0;
 const FORMS: i32 = 8;

@@ -17,6 +17,7 @@ use farsight_raster::{
 };
 use farsight_timing::Millis;
 use std::error::Error;
+use std::time::Duration;
 
 /// What a frame took.
 pub struct FrameReport {
@@ -33,9 +34,10 @@ pub struct FrameReport {
     pub pictures: PictureReport,
     /// Nodes of the movers' hierarchies that were looked at.
     pub tests: u64,
-    /// Processor time: as told before, and as it was, of all and of its parts.
+    /// Processor time as foretold, and as it was.
     pub predicted: Millis,
     pub time: Millis,
+    /// Of this, the time that looking for hidden objects took.
     pub culling: Millis,
 }
 
@@ -50,6 +52,11 @@ pub struct PictureReport {
 
 /// Share of a frame's time that may go into pictures for frames to come.
 const MAKING: f64 = 0.15;
+
+/// Processor time of this thread since a moment of its [`thread_cpu_time`].
+pub fn took(since: Duration) -> Millis {
+    Millis::from(thread_cpu_time() - since)
+}
 
 /// Triangles drawn in place of an object's own; `None` for its own.
 type Shape<'s> = Option<&'s [[u32; 3]]>;
@@ -157,29 +164,23 @@ impl<'a> Renderer<'a> {
         let start = thread_cpu_time();
         let plan = self.plan(camera, jumped)?;
         let predicted = plan.cost + self.planning.constant();
-        let choice = |effect| plan.decision(effect).map_or(Choice::Nothing, |d| d.choice);
-        let map = match choice(Effect::Shadow { light: 0 }) {
+        let map = match choice(&plan, Effect::Shadow { light: 0 }) {
             Choice::Map { layout, side, .. } => self.draw_map(camera, side, layout, true)?,
             _ => None,
         };
         let (map, shadow) = map.unzip();
 
         let allowed_px = self.tolerances.position_px * plan.allowed;
-        if let Some(movers) = &mut self.movers {
-            let coarser = |o: u32| {
-                matches!(plan.objects()[o as usize].choice, Choice::Detail { .. } | Choice::Impostor { .. })
-            };
-            movers.follow(self.pictures.placements(), camera, allowed_px, coarser)?;
-        }
+        self.follow_movers(&plan, camera, allowed_px)?;
         let fine = self.fine(camera)?;
         let first_mover = self.first_mover();
         let Self { scene, forms, cells, movers, pictures, visibility, planning, rasteriser, .. } = self;
-        let shaping = Shaping { scene, forms, movers: movers.as_ref(), seen: planning.seen(), allowed_px };
-        let shapes: Vec<Shape> =
-            plan.objects().iter().zip(0..).map(|(d, o)| shaping.shape(&d.choice, o)).collect();
+        let (movers, seen) = (movers.as_ref(), planning.seen());
+        let shaping = Shaping { scene, forms, movers, seen, plan: &plan, allowed_px };
+        let mut shapes = shaping.shapes();
 
         let before = thread_cpu_time();
-        let occlusion = choice(Effect::Occlusion);
+        let occlusion = choice(&plan, Effect::Occlusion);
         let with_sets = matches!(occlusion, Choice::Cells | Choice::CellsAndQueries);
         let set = cells.at(camera.eye()).filter(|_| with_sets).map(|c| &c.set);
         // The sets know of nothing that moves.
@@ -191,47 +192,31 @@ impl<'a> Renderer<'a> {
         } else {
             (0..plan.objects().len() as u32).filter(wanted).collect()
         };
-        let culling = Millis::from(thread_cpu_time() - before);
+        let culling = took(before);
 
         let before = thread_cpu_time();
         let mut look = self.options;
         look.shadows = map.as_slice();
         look.textures = &self.textures;
-        let mut drawn: Vec<Drawn> = Vec::new();
-        let mut shapes = shapes;
-        let mut making = Millis::ZERO;
-        for &object in &objects {
-            let Choice::Impostor { error_px } = plan.objects()[object as usize].choice else { continue };
-            let triangles = shaping.picture_of(object);
-            let mut picture = pictures.kept(camera, object, error_px)?;
-            // A few new pictures a frame: no frame is held up for those to come.
-            if picture.is_none() && making < predicted * MAKING {
-                let before = thread_cpu_time();
-                picture = pictures.make(rasteriser, scene, camera, object, triangles, &look)?;
-                making += Millis::from(thread_cpu_time() - before);
-            }
-            match picture {
-                Some(picture) => drawn.push(picture),
-                // It is drawn as its picture would have shown it.
-                None => shapes[object as usize] = Some(triangles),
-            }
-        }
+        let limit = predicted * MAKING;
+        let (drawn, making) =
+            shaping.stand_ins(pictures, rasteriser, camera, &objects, &look, limit, &mut shapes)?;
         let quads: Vec<_> = drawn.iter().map(|d| d.quad(camera)).collect();
         look.quads = &quads;
         look.only = Some(&objects);
         look.forms = &shapes;
         let (target, counters) = render_scene(rasteriser, scene, camera, &look)?;
-        let drawing = Millis::from(thread_cpu_time() - before);
+        let drawing = took(before);
         pictures.end(camera);
-        let time = Millis::from(thread_cpu_time() - start);
+        let time = took(start);
 
-        let total: Millis = plan.objects().iter().map(|d| d.cost).sum();
-        let seen: Millis = objects.iter().map(|&o| plan.objects()[o as usize].cost).sum();
-        let share = if total.0 > 0.0 { seen / total } else { 1.0 };
-        let in_view = planning.seen().iter().filter(|s| s.in_view).count();
+        let all: Millis = plan.objects().iter().map(|d| d.cost).sum();
+        let unhidden: Millis = objects.iter().map(|&o| plan.objects()[o as usize].cost).sum();
+        let share = if all.0 > 0.0 { unhidden / all } else { 1.0 };
+        let in_view = seen.iter().filter(|s| s.in_view).count();
         planning.learn(share, drawing - making, shadow.as_ref().map(|s| s.time))?;
         if culls {
-            planning.learn_culling(total - seen, culling);
+            planning.learn_culling(all - unhidden, culling);
         }
         let report = FrameReport {
             in_view,
@@ -240,12 +225,21 @@ impl<'a> Renderer<'a> {
             counters,
             shadow,
             pictures: PictureReport { time: making, ..pictures.report() },
-            tests: movers.as_ref().map_or(0, |m| m.tests),
+            tests: movers.map_or(0, |m| m.tests),
             predicted,
             time,
             culling,
         };
         Ok((target, report))
+    }
+
+    /// Brings the cuts of what moves up to date, where coarser forms or pictures are drawn of it.
+    fn follow_movers(&mut self, plan: &Plan, camera: &Camera, allowed_px: f64) -> Result<(), Box<dyn Error>> {
+        let Some(movers) = &mut self.movers else { return Ok(()) };
+        let coarser = |o: u32| {
+            matches!(plan.objects()[o as usize].choice, Choice::Detail { .. } | Choice::Impostor { .. })
+        };
+        Ok(movers.follow(self.pictures.placements(), camera, allowed_px, coarser)?)
     }
 
     /// Looks at the scene and decides.
@@ -285,7 +279,7 @@ impl<'a> Renderer<'a> {
             pictures: PictureReport::default(),
             tests: 0,
             predicted: Millis::ZERO,
-            time: Millis::from(thread_cpu_time() - start),
+            time: took(start),
             culling: Millis::ZERO,
         };
         Ok((target, report))
@@ -333,26 +327,63 @@ impl<'a> Renderer<'a> {
     }
 }
 
-/// What an object's triangles are chosen from.
+/// What a plan has chosen for an effect; nothing where it does not speak of it.
+fn choice(plan: &Plan, effect: Effect) -> Choice {
+    plan.decision(effect).map_or(Choice::Nothing, |d| d.choice)
+}
+
+/// What the objects' triangles are chosen from, and by which plan.
 struct Shaping<'s> {
     scene: &'s Scene,
     forms: &'s Forms,
     movers: Option<&'s Movers>,
     seen: &'s [ObjectView],
+    plan: &'s Plan,
     allowed_px: f64,
 }
 
 impl<'s> Shaping<'s> {
-    /// What is drawn of an object; nothing where a picture stands for it.
-    fn shape(&self, choice: &Choice, object: u32) -> Shape<'s> {
-        match choice {
-            Choice::Impostor { .. } => Some(&[]),
+    /// What is drawn of every object; nothing where a picture stands for it.
+    fn shapes(&self) -> Vec<Shape<'s>> {
+        let shape = |(object, choice): (u32, Choice)| match choice {
+            Choice::Impostor { .. } => Some(&[][..]),
             Choice::Detail { detail, .. } => {
                 let moving = self.movers.and_then(|m| m.triangles(object));
-                Some(moving.unwrap_or_else(|| self.forms.triangles(self.mesh(object), *detail)))
+                Some(moving.unwrap_or_else(|| self.forms.triangles(self.mesh(object), detail)))
             }
             _ => None,
+        };
+        (0..).zip(self.plan.objects().iter().map(|d| d.choice)).map(shape).collect()
+    }
+
+    /// Pictures for those of `objects` that are to have one, and what making them took: pictures from before where one serves, new ones until that
+    /// has taken `limit`, so that no frame is held up for those to come. An object left without is drawn as its picture would have shown it.
+    fn stand_ins(
+        &self,
+        pictures: &mut Pictures,
+        rasteriser: &mut Rasteriser,
+        camera: &Camera,
+        objects: &[u32],
+        look: &RenderOptions,
+        limit: Millis,
+        shapes: &mut [Shape<'s>],
+    ) -> Result<(Vec<Drawn>, Millis), Box<dyn Error>> {
+        let (mut drawn, mut making) = (Vec::new(), Millis::ZERO);
+        for &object in objects {
+            let Choice::Impostor { error_px } = self.plan.objects()[object as usize].choice else { continue };
+            let triangles = self.picture_of(object);
+            let mut picture = pictures.kept(camera, object, error_px)?;
+            if picture.is_none() && making < limit {
+                let before = thread_cpu_time();
+                picture = pictures.make(rasteriser, self.scene, camera, object, triangles, look)?;
+                making += took(before);
+            }
+            match picture {
+                Some(picture) => drawn.push(picture),
+                None => shapes[object as usize] = Some(triangles),
+            }
         }
+        Ok((drawn, making))
     }
 
     /// What a picture of an object shows.

@@ -74,6 +74,6 @@ fn sun(up: Up) -> Light {
 }
 
 /// The defects of all meshes together.
-pub fn report(scene: &Scene) -> MeshReport {
+pub fn defects(scene: &Scene) -> MeshReport {
     scene.meshes().iter().map(|m| m.report()).fold(MeshReport::default(), MeshReport::plus)
 }

@@ -6,9 +6,9 @@
 //! cargo run --release --example tour -- scan.laz       or point clouds: .las, .laz, .ply
 //! ```
 //!
-//! You should see progress bars, a short table, and then `out/tour/index.html` with the frames of a camera path, a summary
-//! of the scene, plots of what each frame took, and a moment at full rate, when what one frame knows serves the next. The frames also lie there as PNG, the last
-//! one's depth as EXR.
+//! You should see progress bars, a short table, and then `out/tour/index.html`: a summary of the scene, the frames of a camera path, what each was
+//! planned to leave out and what it took, and a moment at full rate, in which what one frame knows serves the next. The frames also lie there
+//! as PNG, the last one's depth as EXR.
 
 mod built;
 mod casters;
@@ -139,7 +139,7 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         input::load(&options.paths, options.up.unwrap_or(Up::Y))?
     };
     spinner.finish_with_message(format!("{}: {} triangles", input.title, input.scene.placed_triangles()));
-    let report = input::report(&input.scene);
+    let defects = input::defects(&input.scene).to_string();
     for warning in &input.warnings {
         eprintln!("warning: {warning}");
     }
@@ -152,18 +152,18 @@ fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         spinner.finish_and_clear();
         built
     };
-    let count = options.movers.unwrap_or(if options.paths.is_empty() { 12 } else { 0 });
-    let movers = match count {
+    let aeroplanes = options.movers.unwrap_or(if options.paths.is_empty() { 12 } else { 0 });
+    let movers = match aeroplanes {
         0 => None,
-        _ => Some(Movers::over(&mut input.scene, &mut built.forms, input.up, count)?),
+        _ => Some(Movers::over(&mut input.scene, &mut built.forms, input.up, aeroplanes)?),
     };
-    let told = report::Told::of(&input, report.to_string());
+    let told = report::Told::of(&input, defects);
     let walked = walk_through(options, &mut input, &built, movers)?;
 
     let frames = &walked.frames;
     let page = report::page(&told, &built.steps, &walked)?;
     let index = folder.join("index.html");
-    std::fs::write(&index, page).map_err(|e| format!("cannot write {}: {e}", index.display()))?;
+    write(&index, page)?;
     for row in report::frame_table(frames) {
         println!("{}", row.iter().map(|cell| format!("{cell:>11}")).collect::<String>());
     }
@@ -218,8 +218,7 @@ fn walk_through(
         let compared = !options.no_plan && [0, count / 2, count - 1].contains(&i);
         let comparison = compared.then(|| renderer.compared(&camera, &target)).transpose()?;
         let png = Image::from_colour(&target).to_png()?;
-        let path = options.out.join(format!("frame_{i:03}.png"));
-        std::fs::write(&path, &png).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+        write(&options.out.join(format!("frame_{i:03}.png")), &png)?;
         if i + 1 == count {
             write_depth(&options.out.join("depth.exr"), &target, camera.near())?;
         }
@@ -247,7 +246,7 @@ fn moment(
         let (target, report) = renderer.planned(&camera, i == 0)?;
         if i + 1 == count {
             let png = Image::from_colour(&target).to_png()?;
-            std::fs::write(options.out.join("moment.png"), &png)?;
+            write(&options.out.join("moment.png"), &png)?;
             last = Some(Shown { png, report, comparison: Some(renderer.compared(&camera, &target)?) });
         } else {
             reports.push(report);
@@ -262,8 +261,12 @@ fn write_depth(path: &Path, target: &Target, near: f64) -> Result<(), Box<dyn Er
     let distance = |depth: &f32| near as f32 / depth;
     let samples = target.depth_rows().flatten().map(distance).collect();
     let image = FloatImage::depth(target.width() as usize, target.height() as usize, samples)?;
-    std::fs::write(path, image.to_bytes()?).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
-    Ok(())
+    Ok(write(path, image.to_bytes()?)?)
+}
+
+/// Writes a file, or tells which one could not be written.
+fn write(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), String> {
+    std::fs::write(path, bytes).map_err(|e| format!("cannot write {}: {e}", path.display()))
 }
 
 fn spinner(message: &'static str) -> ProgressBar {

@@ -15,7 +15,7 @@ const BUDGET: u64 = 256 << 20;
 const TEXEL: u64 = 20;
 /// By how much the light may turn around an object before its picture is made anew, in radians.
 const LIGHT: f64 = 0.05;
-/// A picture serves while its texels are between so many times as large and as small as the image's samples.
+/// A picture serves while its texels are at most so many times as large, and at most so many times as small, as the image's samples.
 const MAGNIFIED: f64 = 1.25;
 const MINIFIED: f64 = 2.0;
 /// Pictures that would serve for so many frames are as good as for ever.

@@ -2,7 +2,7 @@
 
 use crate::forms::Forms;
 use crate::sun::MOST_CASCADES;
-use farsight_geometry::glam::DMat3;
+use farsight_geometry::glam::{DAffine3, DMat3};
 use farsight_geometry::scene::{AlphaMode, Instance};
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
 use farsight_plan::{
@@ -17,7 +17,7 @@ struct Learned {
     texel: Millis,
 }
 
-/// Milliseconds that a texel takes until a map was drawn, and the weight of a new measurement.
+/// What a texel is taken to cost until a map was drawn, and the weight of a new measurement after that.
 const TEXEL: Millis = Millis(5e-6);
 const WEIGHT: f64 = 0.3;
 
@@ -35,6 +35,17 @@ impl Learned {
         let each = ((took - self.image.time(&drawn)) * (1.0 / work.texels.max(1.0))).max(Millis::ZERO);
         self.texel = self.texel * (1.0 - WEIGHT) + each * WEIGHT;
     }
+}
+
+/// By how much a placement stretches a length at most; never below that, and exact but for rounding where it stretches all alike.
+fn largest_stretch(placement: &DAffine3) -> f64 {
+    let m = placement.matrix3;
+    let norm_sq =
+        |m: DMat3| m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared();
+    let scale = m.x_axis.length();
+    let from_rotation = m.transpose() * m * (1.0 / (scale * scale)) - DMat3::IDENTITY;
+    // Within 1e-9 of a scaled rotation the scale is as near; otherwise the Frobenius norm bounds every stretch.
+    if norm_sq(from_rotation) < 1e-18 { scale * (1.0 + 1e-9) } else { norm_sq(m).sqrt() }
 }
 
 /// Plans frames of a scene and learns what they take.
@@ -71,15 +82,6 @@ impl<'a> Planning<'a> {
                 impostor: !details.is_empty() && material.is_none_or(|m| m.alpha == AlphaMode::Opaque),
             }
         };
-        let stretch = |instance: &Instance| {
-            // The Frobenius norm is never below the largest stretch.
-            let m = instance.world_from_mesh.matrix3;
-            let square =
-                |m: DMat3| m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared();
-            let alike = m.x_axis.length();
-            let rigid = m.transpose() * m * (1.0 / (alike * alike)) - DMat3::IDENTITY;
-            if square(rigid) < 1e-18 { alike * (1.0 + 1e-9) } else { square(m).sqrt() }
-        };
         // Rough costs of software rendering; frames put them right. Nearly every sample is shaded once, whatever is in view.
         let model = Model { heuristic: Heuristic::Extended, costs: [2e-5, 4e-6, 2e-3, 3e-5] };
         let constant = Millis(1.1e-4 * f64::from(samples));
@@ -88,7 +90,7 @@ impl<'a> Planning<'a> {
         refit.trust = 30.0;
         Ok(Self {
             objects: scene.instances().iter().map(object).collect(),
-            stretch: scene.instances().iter().map(stretch).collect(),
+            stretch: scene.instances().iter().map(|i| largest_stretch(&i.world_from_mesh)).collect(),
             seen: Vec::new(),
             lights: most_side
                 .map(|most_side| LightSummary { most_side, most_cascades: MOST_CASCADES, most_taps: 0 })
@@ -113,8 +115,8 @@ impl<'a> Planning<'a> {
         &mut self.seen
     }
 
-    /// Plans for what was seen in an image of so many samples; `light` is what is known of the sun, `cell` of the eye's surroundings, and `jumped` tells whether
-    /// the eye is where it was not on its way to.
+    /// Plans for what was seen, in an image of so many samples. `light` is what is known of the sun, `cell` of what can be seen from around the eye;
+    /// `jumped` tells whether the eye is somewhere that its way from the last frame did not lead to.
     pub fn plan(
         &mut self,
         samples: f64,
@@ -133,7 +135,7 @@ impl<'a> Planning<'a> {
             cell,
             jumped,
         };
-        // What a frame takes whatever is in it is not to be had.
+        // What a frame takes whatever is in it cannot be planned away.
         let constant = self.costs.image.constant();
         let mut budget = self.budget;
         budget.limit = budget.limit.map(|l| (l - constant).max(Millis::ZERO));

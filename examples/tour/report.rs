@@ -40,9 +40,7 @@ pub fn page(told: &Told, built: &[(String, Duration)], walked: &Walked) -> Resul
     let mut page = Page::new(&format!("A tour of {}", told.title), &told.report);
     page.heading("The scene");
     page.table(&[
-        ["triangles placed", "triangles stored", "instances", "lights", "size", "memory"]
-            .map(String::from)
-            .to_vec(),
+        head(["triangles placed", "triangles stored", "instances", "lights", "size", "memory"]),
         told.facts.clone(),
     ]);
     told.warnings.iter().for_each(|w| page.paragraph(w));
@@ -96,9 +94,9 @@ fn moment(page: &mut Page, walked: &Walked) {
         walked.pictures
     ));
     page.table(&moment_table(walked.moment.iter().chain([&last.report])));
-    let changed = last.comparison.as_ref().map_or(0.0, |c| 100.0 * c.changed);
     let mut pictures = vec![(last.png.clone(), "The last of these frames".to_string())];
     if let Some(c) = &last.comparison {
+        let changed = 100.0 * c.changed;
         let text =
             format!("Four times its difference to everything in full; {changed:.2} % of the pixels changed");
         pictures.push((c.difference.clone(), text));
@@ -110,7 +108,7 @@ fn moment(page: &mut Page, walked: &Walked) {
 }
 
 fn moment_table<'a>(frames: impl Iterator<Item = &'a FrameReport>) -> Vec<Vec<String>> {
-    let head = [
+    let names = [
         "frame",
         "pictures made",
         "drawn again",
@@ -137,7 +135,7 @@ fn moment_table<'a>(frames: impl Iterator<Item = &'a FrameReport>) -> Vec<Vec<St
         ]
         .to_vec()
     };
-    std::iter::once(head.map(String::from).to_vec()).chain(frames.enumerate().map(row)).collect()
+    std::iter::once(head(names)).chain(frames.enumerate().map(row)).collect()
 }
 
 /// What was decided, why, and what that saved.
@@ -168,7 +166,7 @@ fn decisions(page: &mut Page, built: &[(String, Duration)], frames: &[Shown]) {
 
 /// Objects by what was decided, and the shadow, frame by frame.
 fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
-    let head = [
+    let names = [
         "frame",
         "out of view",
         "too small",
@@ -179,7 +177,7 @@ fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "occlusion",
         "shadow",
     ];
-    let mut rows = vec![head.map(String::from).to_vec()];
+    let mut rows = vec![head(names)];
     for (i, plan) in frames.iter().enumerate().filter_map(|(i, f)| Some((i, f.report.plan.as_ref()?))) {
         let count = |is: fn(&Decision) -> bool| plan.objects().iter().filter(|d| is(d)).count();
         let chosen = |effect| match plan.decision(effect) {
@@ -207,7 +205,7 @@ fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
 
 /// Planned frames beside the same with everything on.
 fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
-    let head = [
+    let names = [
         "frame",
         "triangles",
         "everything",
@@ -221,7 +219,7 @@ fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "changed",
         "rmse",
     ];
-    let mut rows = vec![head.map(String::from).to_vec()];
+    let mut rows = vec![head(names)];
     for (i, shown) in frames.iter().enumerate() {
         let Some(c) = &shown.comparison else { continue };
         let (planned, full) = (&shown.report, &c.full);
@@ -244,6 +242,11 @@ fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
         rows.push(cells.to_vec());
     }
     rows
+}
+
+/// The first row of a table.
+fn head<const N: usize>(names: [&str; N]) -> Vec<String> {
+    names.map(String::from).to_vec()
 }
 
 /// A length with four digits that mean something.
@@ -278,7 +281,7 @@ fn caption(i: usize, frame: &FrameReport) -> String {
 
 /// Frame by frame, the head first.
 pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
-    let head = [
+    let names = [
         "frame",
         "in view",
         "drawn",
@@ -290,7 +293,7 @@ pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "ms",
         "everything",
     ];
-    let mut rows = vec![head.map(String::from).to_vec()];
+    let mut rows = vec![head(names)];
     for (i, Shown { report: f, comparison, .. }) in frames.iter().enumerate() {
         let (casters, side, texel) = match &f.shadow {
             Some(s) => (s.casters_drawn.to_string(), maps(s), format!("{:.2}", s.texel)),

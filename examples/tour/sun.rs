@@ -2,6 +2,7 @@
 
 use crate::casters::{CasterStore, tolerance};
 use crate::forms::Forms;
+use crate::frames::took;
 use farsight_geometry::bvh::Bvh;
 use farsight_geometry::glam::{DMat4, DVec3};
 use farsight_geometry::scene::Light;
@@ -15,7 +16,7 @@ use farsight_timing::Millis;
 use std::cell::RefCell;
 use std::error::Error;
 
-/// Pixels that the edge of a shadow may be off since its caster is a coarser form.
+/// Pixels by which the edge of a shadow may be off because its caster is a coarser form.
 const CASTER_PX: f64 = 1.0;
 
 /// Cascades there may be at most.
@@ -26,7 +27,7 @@ pub struct ShadowReport {
     /// Maps, and the side of each.
     pub maps: usize,
     pub side: u32,
-    /// Pixels that the coarsest texel covers, and that one would cover in a single map without a warp.
+    /// Pixels that the coarsest texel covers, and that it would cover in a single map of the same side without a warp.
     pub texel: f64,
     pub uniform: f64,
     pub casters_drawn: usize,
@@ -44,7 +45,8 @@ pub struct Sun<'a> {
     previous: Option<ShadowView>,
     /// The best map of the largest side for this frame, or why none is needed.
     fitted: Result<ShadowView, Skip>,
-    /// Splits of the distances that give two, three and four maps, and pixels that their coarsest texels cover, times their side.
+    /// For two, three and four maps: the number of splits of the distances that leaves so many, and the pixels that their coarsest texel covers, times
+    /// their side. `None` where no number of splits does.
     cascades: [Option<(u32, f64)>; 3],
     casters: Vec<u32>,
     /// Whether the hierarchy has fewer triangles to draw than the objects' own forms.
@@ -117,7 +119,7 @@ impl<'a> Sun<'a> {
             let Ok(plan) = plan_cascades(light, scope, &MapOptions::new(self.map_side), 0.0, splits)? else {
                 break;
             };
-            // Ranges without receivers or casters have no map.
+            // Ranges without receivers or casters have no map, and fewer than two maps are no cascades.
             if let Some(maps @ 0..) = plan.cascades.len().checked_sub(2) {
                 let spread = plan.texel.value * f64::from(self.map_side);
                 if self.cascades[maps].is_none_or(|(_, known)| spread < known) {
@@ -248,12 +250,12 @@ impl<'a> Sun<'a> {
             uniform: single.texel_uniform.value * f64::from(single.side) / f64::from(views[0].0.side),
             casters_drawn,
             triangles: rasteriser.counters.triangles - triangles,
-            time: Millis::from(thread_cpu_time() - before),
+            time: took(before),
         };
         Ok(Some((map, report)))
     }
 
-    /// Draws a map; how many casters that were.
+    /// Draws a map; returns how many casters are in it.
     fn draw_one(
         &mut self,
         rasteriser: &mut Rasteriser,

@@ -237,7 +237,7 @@ impl fmt::Display for Counters {
 pub struct Cost {
     /// Time spent; reported, never asserted in tests.
     pub time: Duration,
-    /// Memory of the result, in bytes.
+    /// Memory that the result holds, in bytes.
     pub bytes: u64,
     /// Work done; deterministic.
     pub counters: Counters,
@@ -245,6 +245,9 @@ pub struct Cost {
 
 impl Cost {
     /// The cost of both: times, bytes and counters add.
+    ///
+    /// # Panics
+    /// As [`Counters::add`], when both together have more than 12 different names.
     #[must_use]
     pub fn plus(mut self, other: &Cost) -> Cost {
         self.time += other.time;

@@ -1,5 +1,6 @@
 //! Axis-aligned boxes and spheres.
 
+use crate::rounding::{f32_down, f32_up};
 use glam::{DAffine3, DVec3, Vec3};
 
 macro_rules! aabb {
@@ -134,7 +135,7 @@ aabb!(
 );
 
 impl Aabb {
-    /// The box in world coordinates, `origin` added; exact up to `f64` rounding, rounded outward.
+    /// The box in world coordinates: `origin` added, rounded outward in `f64`.
     pub fn to_world(self, origin: DVec3) -> DAabb {
         if self.is_empty() {
             return DAabb::EMPTY;
@@ -166,18 +167,10 @@ impl DAabb {
         if self.is_empty() {
             return Aabb::EMPTY;
         }
-        let below = |v: f64| {
-            let r = v as f32;
-            if f64::from(r) > v { r.next_down() } else { r }
-        };
-        let above = |v: f64| {
-            let r = v as f32;
-            if f64::from(r) < v { r.next_up() } else { r }
-        };
         let (min, max) = (map(self.min - origin, f64::next_down), map(self.max - origin, f64::next_up));
         Aabb::new(
-            Vec3::new(below(min.x), below(min.y), below(min.z)),
-            Vec3::new(above(max.x), above(max.y), above(max.z)),
+            Vec3::new(f32_down(min.x), f32_down(min.y), f32_down(min.z)),
+            Vec3::new(f32_up(max.x), f32_up(max.y), f32_up(max.z)),
         )
     }
 

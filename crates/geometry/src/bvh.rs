@@ -64,8 +64,8 @@ pub enum BvhError {
         /// Objects there are, removed ones included.
         objects: usize,
     },
-    /// More objects than ids.
-    #[error("{objects} objects are more than half of all 32-bit ids")]
+    /// More than 2³⁰ objects; with a leaf and an inner node each, more would not fit into 32-bit node ids.
+    #[error("{objects} objects; at most 2^30 fit into 32-bit node ids")]
     TooMany {
         /// How many.
         objects: usize,

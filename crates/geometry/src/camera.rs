@@ -128,7 +128,7 @@ pub enum CameraError {
         far: f64,
     },
     /// A side of the image is zero.
-    #[error("an image of {width} x {height} pixels")]
+    #[error("an image of {width} x {height} pixels: both sides must be at least 1")]
     Image {
         /// Width.
         width: u32,
@@ -460,7 +460,8 @@ impl Camera {
         points.iter().enumerate().map(farthest).fold(0.0, f64::max)
     }
 
-    /// Largest angle between the view direction and a visible point; zero for a parallel projection.
+    /// Largest angle between the view direction and a visible point, in radians: half the opening along the image's diagonal. Zero for a parallel
+    /// projection.
     pub fn half_diagonal(&self) -> f64 {
         match self.projection {
             Projection::Perspective { .. } => self.half_extent().length().atan(),

@@ -15,9 +15,9 @@ use glam::{DMat4, DVec3};
 /// An edge between two vertices, with the two faces that meet there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// Indices of its ends.
+    /// Its ends, in [`ConvexBody::vertices`].
     pub vertices: [u32; 2],
-    /// Indices of its faces.
+    /// The faces that meet there, in [`ConvexBody::planes`].
     pub faces: [u32; 2],
 }
 

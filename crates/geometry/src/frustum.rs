@@ -2,7 +2,7 @@
 
 use crate::bounds::{DAabb, Sphere};
 use crate::camera::{Camera, Projection};
-use glam::{DMat4, DVec3, DVec4};
+use glam::{DMat4, DVec3};
 
 /// An oriented plane: points with `normal · point + offset ≥ 0` are inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,7 +53,7 @@ impl Frustum {
     pub fn from_camera(camera: &Camera) -> Self {
         let half = camera.half_extent();
         let (right, up, ahead) = (camera.right(), camera.up(), camera.forward());
-        let mut frustum = Self::empty_list(camera.eye());
+        let mut frustum = Self::without_planes(camera.eye());
         for (axis, half) in [(right, half.x), (-right, half.x), (up, half.y), (-up, half.y)] {
             match camera.projection() {
                 Projection::Perspective { .. } => {
@@ -76,18 +76,17 @@ impl Frustum {
     pub fn from_matrix(clip_from_relative: &DMat4, origin: DVec3, least_depth: f64) -> Self {
         let row = |i| clip_from_relative.row(i);
         let (x, y, z, w) = (row(0), row(1), row(2), row(3));
-        let mut frustum = Self::empty_list(origin);
+        let mut frustum = Self::without_planes(origin);
         for plane in [w + x, w - x, w + y, w - y, z - w * least_depth, w - z] {
             let length = plane.truncate().length();
             if length > 1e-12 * plane.abs().max_element() {
-                let DVec4 { w: offset, .. } = plane;
-                frustum.push(Plane { normal: plane.truncate() / length, offset: offset / length });
+                frustum.push(Plane { normal: plane.truncate() / length, offset: plane.w / length });
             }
         }
         frustum
     }
 
-    fn empty_list(anchor: DVec3) -> Self {
+    fn without_planes(anchor: DVec3) -> Self {
         Self { anchor, planes: [Plane { normal: DVec3::ZERO, offset: 0.0 }; 6], count: 0 }
     }
 

@@ -231,6 +231,11 @@ pub(crate) fn read_sibling(path: &Path, name: &str) -> Result<Vec<u8>, ImportErr
     read_file(&path.parent().unwrap_or(Path::new("")).join(relative))
 }
 
+/// Largest coordinates of the first vertex for which all wide coordinates are kept relative to it: from where steps of `f32` exceed 1/256 to far
+/// beyond any map.
+#[cfg(any(feature = "obj", feature = "ply"))]
+const FAR: std::ops::Range<f64> = 65_536.0..1e12;
+
 /// What a file may still expand to. A few bytes can ask for a lot: a shared vertex list decoded for every user, a
 /// picture of one colour.
 #[cfg(any(feature = "obj", feature = "gltf"))]

@@ -20,10 +20,11 @@
 //! | module | answers |
 //! |---|---|
 //! | [`accuracy`] | what an error bound means and what it cost |
-//! | [`mesh`], [`scene`] | what is there |
+//! | [`mesh`], [`points`], [`scene`] | what is there |
 //! | [`bounds`], [`frustum`] | where it is, whether it can be seen |
 //! | [`camera`] | how large it appears, how much a world error shows |
-//! | [`convex`], [`clip`] | which part of space matters, of a triangle on the screen |
+//! | [`convex`] | which part of space matters |
+//! | [`clip`] | which part of a triangle lies ahead of the eye |
 //! | [`ray`] | what a ray meets |
 //! | [`distance`] | how far surfaces are apart |
 //! | [`bvh`] | which objects are where |

@@ -160,7 +160,7 @@ impl TriangleMesh {
         Ok(Self { origin, ..Self::new(local, triangles)? })
     }
 
-    /// The mesh with its local positions relative to `origin`.
+    /// The mesh moved: the same local positions, now relative to `origin`.
     ///
     /// # Errors
     /// [`MeshError::Origin`] when it is not finite.
@@ -282,7 +282,7 @@ impl TriangleMesh {
         (self.positions.len() * per_vertex + self.triangles.len() * 12) as u64
     }
 
-    /// Counts defects: degenerate, doubled, non-manifold, border, components.
+    /// Counts defects (degenerate and doubled triangles, border and non-manifold edges, ...) and connected parts.
     ///
     /// # Cost
     /// O(n log n) time; about 60 bytes a triangle while it runs.

@@ -61,12 +61,12 @@ pub enum AlphaMode {
     /// Ignored.
     #[default]
     Opaque,
-    /// Texels with less alpha are holes.
+    /// Texels with less alpha than `cutoff` are holes.
     Mask {
         /// The smallest alpha that is solid.
         cutoff: f32,
     },
-    /// Coverage.
+    /// The share of what is behind that the surface covers.
     Blend,
 }
 
@@ -121,7 +121,7 @@ pub enum Light {
         direction: DVec3,
         /// Irradiance on a surface facing the light.
         irradiance: Vec3,
-        /// Half of the angle that the source spans; zero casts hard shadows.
+        /// Half of the angle that the source spans, in radians; zero casts hard shadows.
         angular_radius: f64,
     },
     /// A point.
@@ -259,7 +259,7 @@ impl Scene {
     /// When its texture does not exist or a colour is not finite.
     pub fn add_material(&mut self, material: Material) -> Result<MaterialId, SceneError> {
         if let Some(TextureId(index)) = material.texture {
-            exists("texture", index, self.textures.len())?;
+            check_id("texture", index, self.textures.len())?;
         }
         if !material.base_colour.iter().all(|c| c.is_finite()) {
             return Err(SceneError::Value { what: "material", name: material.name, field: "base_colour" });
@@ -268,16 +268,16 @@ impl Scene {
         Ok(MaterialId(self.materials.len() as u32 - 1))
     }
 
-    /// Places a mesh.
+    /// Places a mesh; returns the number of the instance, by which [`place`](Self::place) moves it.
     ///
     /// # Errors
     /// When mesh or material do not exist or the placement is not finite.
     pub fn add_instance(&mut self, instance: Instance) -> Result<u32, SceneError> {
-        exists("mesh", instance.mesh.0, self.meshes.len())?;
+        check_id("mesh", instance.mesh.0, self.meshes.len())?;
         if let Some(MaterialId(index)) = instance.material {
-            exists("material", index, self.materials.len())?;
+            check_id("material", index, self.materials.len())?;
         }
-        is_placement(&instance.name, &instance.world_from_mesh)?;
+        check_placement(&instance.name, &instance.world_from_mesh)?;
         self.instances.push(instance);
         Ok(self.instances.len() as u32 - 1)
     }
@@ -287,9 +287,9 @@ impl Scene {
     /// # Errors
     /// When there is no such instance or the placement is not finite; it then stays where it was.
     pub fn place(&mut self, instance: u32, world_from_mesh: DAffine3) -> Result<(), SceneError> {
-        exists("instance", instance, self.instances.len())?;
+        check_id("instance", instance, self.instances.len())?;
         let placed = &mut self.instances[instance as usize];
-        is_placement(&placed.name, &world_from_mesh)?;
+        check_placement(&placed.name, &world_from_mesh)?;
         placed.world_from_mesh = world_from_mesh;
         Ok(())
     }
@@ -311,7 +311,7 @@ impl Scene {
         self.cameras.push(camera);
     }
 
-    /// Takes everything of another scene in, behind what is there.
+    /// Takes in everything of another scene, after what is there; its ids are shifted to match.
     pub fn append(&mut self, other: Scene) {
         let (meshes, materials, textures) =
             (self.meshes.len() as u32, self.materials.len() as u32, self.textures.len() as u32);
@@ -360,6 +360,9 @@ impl Scene {
     }
 
     /// The mesh of an instance of this scene.
+    ///
+    /// # Panics
+    /// When the instance is of another scene and this one has no such mesh.
     pub fn mesh_of(&self, instance: &Instance) -> &TriangleMesh {
         &self.meshes[instance.mesh.0 as usize]
     }
@@ -424,13 +427,13 @@ impl Scene {
     }
 }
 
-/// Refuses a placement with numbers that are none.
-fn is_placement(name: &str, world_from_mesh: &DAffine3) -> Result<(), SceneError> {
+/// Refuses a placement that is not finite.
+fn check_placement(name: &str, world_from_mesh: &DAffine3) -> Result<(), SceneError> {
     let bad = || SceneError::Value { what: "instance", name: name.into(), field: "world_from_mesh" };
     if world_from_mesh.is_finite() { Ok(()) } else { Err(bad()) }
 }
 
-fn exists(what: &'static str, index: u32, count: usize) -> Result<(), SceneError> {
+fn check_id(what: &'static str, index: u32, count: usize) -> Result<(), SceneError> {
     if (index as usize) < count { Ok(()) } else { Err(SceneError::NoSuch { what, index, count }) }
 }
 

@@ -15,7 +15,7 @@ pub enum Policy {
     },
 }
 
-/// How the tree is walked.
+/// How the tree is walked. Sections here, figures and "the paper" below are of Wimmer 2007, chapter 4.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Algorithm {
     /// View-frustum culling only: the baseline to beat where there is occlusion, and to match where there is none.
@@ -65,7 +65,7 @@ pub enum Unknown {
 /// What is assumed of nodes that come back into the view volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Reentry {
-    /// Hidden, as in the paper.
+    /// Hidden, as in Wimmer 2007.
     #[default]
     Ask,
     /// What they were when last seen.
@@ -106,7 +106,7 @@ pub enum Backend {
 
 /// How to cull.
 ///
-/// [`Options::default`] is the paper's algorithm with its gaps closed. [`Options::waves`] suits interfaces whose answers come
+/// [`Options::default`] is the algorithm of Wimmer 2007, chapter 4 ("the paper" below), with its gaps closed. [`Options::waves`] suits interfaces whose answers come
 /// after a submit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -191,7 +191,7 @@ impl Options {
         Self { policy: Policy::Bounded { frames }, ..Self::waves() }
     }
 
-    /// The pseudocode of figures 4.5 and 4.6, walked off the root no longer.
+    /// The pseudocode of figures 4.5 and 4.6 of Wimmer 2007, mended where it would walk up beyond the root.
     pub fn pseudocode() -> Self {
         Self { order: Order::Stack, keep_open_frames: 0, defer: false, ..Self::default() }
     }

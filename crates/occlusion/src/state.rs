@@ -96,7 +96,7 @@ impl PartialOrd for Entry {
     }
 }
 
-/// A query in flight. Its nodes are a range of the frame's list or a single one.
+/// A query in flight, or a place for one.
 #[derive(Clone, Debug)]
 pub(crate) struct Slot {
     pub(crate) serial: u32,

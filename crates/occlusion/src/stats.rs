@@ -2,7 +2,7 @@
 
 use farsight_geometry::Counters;
 
-/// Work of a frame, complete at [`Command::Done`](crate::Command::Done). All but late answers' effects are deterministic.
+/// Work of a frame, complete at [`Command::Done`](crate::Command::Done). Deterministic, but for the effects of answers that come late.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct FrameStats {
@@ -12,9 +12,9 @@ pub struct FrameStats {
     pub rendered: u64,
     /// Queries issued, shared ones counted once.
     pub queries: u64,
-    /// Of these, queries that this frame had to wait for.
+    /// Queries, of these, that this frame had to wait for.
     pub must_resolve: u64,
-    /// Of these, queries shared by several nodes.
+    /// Queries, of all, that several nodes shared.
     pub shared: u64,
     /// Answers of this frame's and earlier queries that were acted on.
     pub answers: u64,
@@ -24,14 +24,14 @@ pub struct FrameStats {
     pub discoveries: u64,
     /// Queries about inner nodes that are descended into anyway: the price of looking whether they can be closed.
     pub retests: u64,
-    /// Leaves drawn without a query because it was not their turn or a pause.
+    /// Leaves drawn without a query of their own in this frame: it was not their turn, or an earlier query has no answer yet.
     pub assumed: u64,
     /// Flushes after which new answers were needed.
     pub waves: u64,
 }
 
 impl FrameStats {
-    /// The same as named counters.
+    /// The main ones as named counters.
     pub fn counters(&self) -> Counters {
         let mut counters = Counters::default();
         for (name, count) in [

@@ -1,7 +1,7 @@
 //! Renders pictures of the generated scenes.
 //!
 //! `cargo run --release -p farsight-raster --example gallery -- out/gallery` writes PNG files into that folder and
-//! prints what was drawn. A second argument selects pictures by a part of their scene's name.
+//! prints what was drawn. A second argument picks scenes by a part of their name.
 
 use farsight_geometry::{Camera, ClipConvention, Scene};
 use farsight_raster::scenes::{City, Cubes, Forest, Path, Rooms, StreetCanyon, StreetPoints, Terrain};

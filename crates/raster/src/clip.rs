@@ -1,6 +1,6 @@
 //! Clip space: conventions, outcodes, and homogeneous polygon clipping.
 
-use farsight_geometry::camera::{ClipConvention, DepthRange};
+use farsight_geometry::camera::ClipConvention;
 use glam::{DMat4, DVec4};
 
 /// Matrix from a convention's clip space to the one drawn in: y up, depth 1 (near) to 0 (far).
@@ -8,7 +8,6 @@ use glam::{DMat4, DVec4};
 /// Put it in front of any other matrix: `native_from(ClipConvention::OPENGL) * clip_from_local`.
 pub fn native_from(convention: ClipConvention) -> DMat4 {
     let (near, far) = convention.near_far_depth();
-    debug_assert!(convention.depth == DepthRange::ZeroToOne || near.min(far) < 0.0);
     // z' = (z − far·w) / (near − far) maps the far depth to 0 and the near depth to 1.
     let scale = 1.0 / (near - far);
     let y = if convention.y_down { -1.0 } else { 1.0 };
@@ -42,7 +41,7 @@ pub(crate) const NEEDS_CLIP: u32 = 64;
 /// Bits of an outcode that say on which sides of the view volume a vertex lies.
 pub(crate) const SIDES: u32 = 63;
 
-/// Most corners a triangle can have after clipping: each of six planes adds one.
+/// Most corners that a triangle can have after clipping: each of six planes adds one.
 pub(crate) const MAX_CORNERS: usize = 9;
 
 impl Viewport {
@@ -123,7 +122,7 @@ impl Viewport {
     }
 }
 
-/// A convex polygon in clip space.
+/// A convex polygon in clip space. Unlike [`farsight_geometry::clip`], it cuts an edge the same way from both sides: neighbours must not part.
 pub(crate) struct Polygon {
     corners: [DVec4; MAX_CORNERS],
     count: usize,

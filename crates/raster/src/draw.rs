@@ -40,6 +40,17 @@ pub enum Ids {
     PerTriangle(u32),
 }
 
+impl Ids {
+    /// The id of a triangle, point or segment of the draw.
+    #[inline(always)]
+    pub(crate) fn of(self, index: u32) -> u32 {
+        match self {
+            Self::Constant(id) => id,
+            Self::PerTriangle(first) => first.wrapping_add(index),
+        }
+    }
+}
+
 /// Fixed-function state of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -413,14 +424,6 @@ impl<S: Simd> Sink<S> for Plain<'_> {
     }
 }
 
-#[inline(always)]
-fn id_of(triangle: u32, ids: Ids) -> u32 {
-    match ids {
-        Ids::Constant(id) => id,
-        Ids::PerTriangle(first) => first.wrapping_add(triangle),
-    }
-}
-
 impl<S: Simd> DrawSink<S> for Plain<'_> {
     fn size(&self) -> [u32; 2] {
         [self.out.target.width(), self.out.target.height()]
@@ -428,7 +431,7 @@ impl<S: Simd> DrawSink<S> for Plain<'_> {
 
     #[inline(always)]
     fn begin(&mut self, triangle: u32, ids: Ids, _: impl Fn() -> [DVec3; 3]) {
-        self.id = id_of(triangle, ids);
+        self.id = ids.of(triangle);
     }
 }
 
@@ -504,7 +507,7 @@ impl<S: Simd, P: PixelShader> DrawSink<S> for Shaded<'_, P> {
 
     #[inline(always)]
     fn begin(&mut self, triangle: u32, ids: Ids, homogeneous: impl Fn() -> [DVec3; 3]) {
-        self.id = id_of(triangle, ids);
+        self.id = ids.of(triangle);
         self.triangle = triangle;
         // Homogeneous rasterisation after Olano and Greer 1997: the rows of the inverse of the corner matrix, up to
         // a common factor, are the corners' weights divided by w.

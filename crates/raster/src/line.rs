@@ -2,7 +2,7 @@
 
 use crate::Target;
 use crate::clip::Viewport;
-use crate::draw::{Ids, Rasteriser, State};
+use crate::draw::{Rasteriser, State};
 use crate::point::put;
 use glam::{DMat4, DVec2, Vec3, Vec4, swizzles::Vec2Swizzles as _};
 
@@ -33,10 +33,7 @@ impl Rasteriser {
                 self.counters.outside += 1;
                 continue;
             };
-            let id = match draw.state.ids {
-                Ids::Constant(id) => id,
-                Ids::PerTriangle(first) => first.wrapping_add(i as u32),
-            };
+            let id = draw.state.ids.of(i as u32);
             self.counters.lines += 1;
             let px = ends.map(|p| viewport.homogeneous_px(p) / p.w);
             let depth = ends.map(|p| p.z / p.w);

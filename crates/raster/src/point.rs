@@ -1,7 +1,7 @@
 //! Points as square or round splats.
 
 use crate::clip::{SIDES, Viewport};
-use crate::draw::{Ids, Rasteriser, State, blended, passes};
+use crate::draw::{Rasteriser, State, blended, passes};
 use crate::{Target, linear_of};
 use glam::{DMat4, Vec3, Vec4};
 
@@ -55,10 +55,7 @@ impl Rasteriser {
                 let alpha = f32::from(c[3]) / 255.0;
                 Vec3::from_array([c[0], c[1], c[2]].map(|b| table[b as usize])).extend(1.0) * alpha
             });
-            let id = match draw.state.ids {
-                Ids::Constant(id) => id,
-                Ids::PerTriangle(first) => first.wrapping_add(i as u32),
-            };
+            let id = draw.state.ids.of(i as u32);
             self.counters.points += 1;
             let at = [px.x as f32, px.y as f32];
             self.splat(target, &draw.state, draw.splat, at, size.clamp(0.0, MAX_SPLAT_PX), depth, colour, id);

@@ -1,4 +1,4 @@
-//! Textured quads, as impostors need them: premultiplied colour, and optionally relief.
+//! Textured quads, as impostors need them: premultiplied colour and, optionally, relief (heights above the quad that change depth).
 
 use crate::draw::{Blend, Draw, Fragment, PixelShader, Rasteriser, State};
 use crate::{RasterError, Target};

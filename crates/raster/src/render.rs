@@ -10,6 +10,7 @@ use crate::{Cull, Outputs, RasterError, Target};
 use farsight_geometry::scene::{AlphaMode, Instance, Material, Scene};
 use farsight_geometry::{Camera, ClipConvention, Containment, Frustum, TriangleMesh};
 use glam::{DAffine3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3, Vec4};
+use std::borrow::Cow;
 use std::cell::Cell;
 
 /// What ids a scene's image gets. All start at 1; 0 is background.
@@ -96,7 +97,7 @@ pub fn relative_from_mesh(instance: &Instance, mesh: &TriangleMesh, origin: DVec
 ///
 /// # Errors
 /// [`RasterError::TargetSize`] when the camera's image times the supersampling is too large;
-/// [`RasterError::Option`] when the supersampling is zero.
+/// [`RasterError::Option`] when the supersampling is not between 1 and 64.
 pub fn render_scene(
     rasteriser: &mut Rasteriser,
     scene: &Scene,
@@ -220,9 +221,9 @@ fn first_ids(scene: &Scene, ids: SceneIds) -> Vec<u32> {
     scene.instances().iter().map(&mut take).collect()
 }
 
-fn material_of(scene: &Scene, instance: usize) -> Material {
+fn material_of(scene: &Scene, instance: usize) -> Cow<'_, Material> {
     let id = scene.instances()[instance].material;
-    id.map_or_else(Material::default, |id| scene.materials()[id.0 as usize].clone())
+    id.map_or_else(|| Cow::Owned(Material::default()), |id| Cow::Borrowed(&scene.materials()[id.0 as usize]))
 }
 
 /// What does not change from instance to instance.

@@ -95,7 +95,11 @@ impl ShadowMap {
         }
         let length = direction.length();
         if length.is_nan() || (length - 1.0).abs() > 1e-5 {
-            return Err(RasterError::Option { option: "direction", value: length, range: "unit length" });
+            return Err(RasterError::Option {
+                option: "length of direction",
+                value: length,
+                range: "1 ± 1e-5",
+            });
         }
         let (right, up) = direction.any_orthonormal_pair();
         let row = |axis: DVec3, w: f64| DVec4::new(axis.x, axis.y, axis.z, w);
@@ -231,7 +235,8 @@ impl ShadowMap {
         Self { clip_from_relative, rounded, origin, beyond, rounded_end, ..self.clone() }
     }
 
-    /// Share of the light that reaches a point (relative to the origin), from 0 to 1. Outside the map everything is lit.
+    /// Share of the light that reaches a point (relative to the origin), from 0 to 1. Outside the map the one [beyond](Self::with_beyond) is asked; without
+    /// one, everything there is lit.
     pub fn lit_relative(&self, point: Vec3, normal: Vec3) -> f32 {
         let outside = || self.beyond.as_ref().map_or(1.0, |b| b.lit_relative(point, normal));
         if self.rounded_end.is_some_and(|(ahead, end)| ahead.dot(point) > end) {

@@ -85,7 +85,7 @@ pub(crate) struct Setup {
 }
 
 impl Setup {
-    /// `None` when the triangle is culled, has no area after snapping, or misses every row of the window.
+    /// [`Culled`] when the triangle is turned away or has no area after snapping, `None` when it misses every row of the window.
     #[inline(always)]
     pub(crate) fn new(v: &[&Vertex; 3], cull: Cull, window: &Window) -> Result<Option<Self>, Culled> {
         let [mut a, mut b, c] = v.map(|v| v.snapped.map(i64::from));

@@ -65,7 +65,7 @@ pub fn least_cascades(ratio: f64, dp_ds: f64, warped: bool) -> u32 {
 /// most `error_px`, up to `most`.
 ///
 /// Each count is tried with the real bodies, casters and warp, from one on, so no smaller number of log splits would do. When `most`
-/// do not suffice, the plan of `most` comes back with [`CascadePlan::met`] false.
+/// do not suffice, the plan of `most` comes back with [`CascadePlan::met`] false. The inner `Err` says why no map is needed at all.
 ///
 /// # Cost
 /// One [`Focus::fit`] and [`Focus::map`] for each cascade of each count: about 100 µs for `most` = 8. For planning, not for

@@ -15,7 +15,7 @@ pub struct Texel {
     pub across: f64,
     /// Distance of the point ahead of the eye; 1 for a parallel camera.
     pub eye_depth: f64,
-    /// dp/ds of chapter 3: extent of the whole map's s on the image plane at distance 1, had it this point's scale everywhere.
+    /// dp/ds of Wimmer 2007, chapter 3: extent of the whole map's s on the image plane at distance 1, had it this point's scale everywhere.
     pub dp_ds: f64,
     /// The same for t.
     pub dp_dt: f64,

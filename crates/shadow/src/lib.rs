@@ -6,7 +6,7 @@
 //! | which matrix? | [`Focus::map`] with a [`Warp`] |
 //! | how large are its texels? | [`ShadowView::texel`], [`ShadowView::texel_at`], [`ShadowView::required_side`]; [`Spacing`] in closed form |
 //! | how many cascades? | [`plan_cascades`], [`least_cascades`] |
-//! | and with a matrix for a camera? | [`camera_from_matrix`] |
+//! | what if I have no camera, only its matrix? | [`camera_from_matrix`] |
 //! | soft shadows, coarse casters | [`penumbra`] |
 //!
 //! A frame: fit, and draw nothing when the answer is a [`Skip`]; else ask for the map, handing over the previous one so that the warp moves steadily.
@@ -75,7 +75,7 @@ pub enum ShadowError {
         /// Tangent of half the opening.
         tangent: f64,
     },
-    /// A spot's near distance is not positive and before its range.
+    /// A spot's near distance is not positive, or not before its range.
     #[error("light near {near} and range {range}: must satisfy 0 < near < range")]
     LightRange {
         /// Near distance.
@@ -91,7 +91,7 @@ pub enum ShadowError {
         /// The camera's near distance.
         near: f64,
     },
-    /// A box is not empty and reaches beyond 1e15, or to infinity.
+    /// A box that is not empty has a coordinate beyond 1e15, infinite or NaN.
     #[error("{what} {index} reaches beyond coordinates of 1e15")]
     Bounds {
         /// "receiver" or "caster".

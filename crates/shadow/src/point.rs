@@ -11,7 +11,8 @@ use glam::DVec3;
 pub struct PointLight {
     /// Where it is, in the world.
     pub position: DVec3,
-    /// Distance before which nothing is covered; positive.
+    /// Distance before which nothing is covered, measured along the axis of a map: off the axis that is up to 1.6 times (single map) or 1.7 times
+    /// (cube) as far from the light. Positive.
     pub near: f64,
     /// Distance beyond which nothing is lit; may be infinite.
     pub range: f64,
@@ -55,7 +56,6 @@ impl PointFocus {
             let side = frame_of(axis);
             let spot =
                 ShadowLight::Spot { position, direction: axis, tangent, round: true, side, near, range };
-            // The spot's near plane must not lie beyond the near sphere's part in the cone.
             let skip = self.focuses[0].fit(&spot, scope)?;
             if skip.is_none() {
                 self.used.push((0, None));

@@ -30,7 +30,7 @@ pub enum Warp {
     Perspective,
     /// n = zn + √(zn·zf), over sin γ when the light is tilted (Wimmer 2007, 3.4.3 and 3.4.4).
     Paper,
-    /// The rule of 3.4.4 with zf replaced by the extent along the light's z axis.
+    /// The rule of Wimmer 2007, 3.4.4, with zf replaced by the extent along the light's z axis.
     PaperTilted,
     /// n = (zf − zn) / (r^(2/3) − 1) with r = zf/zn: least product of both errors for light across the view.
     LeastProduct,
@@ -113,7 +113,7 @@ pub struct ShadowView {
     pub texel: ErrorBound,
     /// The same for κ = 0.
     pub texel_uniform: ErrorBound,
-    /// Texels on a side, and those along each side that are kept free.
+    /// Texels on a side, those kept free included.
     pub side: u32,
     /// Texels kept free along each side.
     pub border: f64,
@@ -329,7 +329,7 @@ mod tests {
         MapOptions { warp, border: 0.0, ..MapOptions::new(1024) }
     }
 
-    /// The errors dp/ds and dp/dt of the chapter by finite differences of the real matrix, largest along the centre line:
+    /// The errors dp/ds and dp/dt of Wimmer 2007, chapter 3, by finite differences of the real matrix, largest along the centre line:
     /// p in units of the viewport's height at distance 1, per unit of s (t).
     fn largest_errors(focus: &Focus, view: &ShadowView, r: f64) -> (f64, f64) {
         let (mut es, mut et) = (0.0f64, 0.0f64);

@@ -1,4 +1,4 @@
-//! The conditional branch of 2.6.4: what a graphics card would need in order to keep a deadline by itself, in software.
+//! The conditional branch of Wimmer 2007, 2.6.4: what a graphics card would need in order to keep a deadline by itself, in software.
 //!
 //! Objects come with a list of ways to draw them, best first. Before each is drawn, the time left is compared with what remains: the object's
 //! best variant whose time, plus the least time of everything after it, still fits is taken. So an estimate that failed costs detail at the

@@ -327,7 +327,9 @@ fn partition_by_room(steps: &mut [Step], mut room: f64) -> usize {
     if low < high && steps[low].cost <= room { low + 1 } else { low }
 }
 
-/// The best choice by dynamic programming over whole cost units: for tests and small problems.
+/// The largest benefit within `limit`, by dynamic programming over whole cost units: for tests and small problems.
+///
+/// `levels` are (cost, benefit), `first` as in [`Budget::choose`]. `None` when even the cheapest levels exceed the limit.
 ///
 /// # Cost
 /// O(levels · limit) time, O(objects · limit) memory.
@@ -433,7 +435,10 @@ mod tests {
         let mut budget = Budget::new();
         let error =
             budget.choose(&[level(1.0, 1.0), level(f64::NAN, 1.0)], &[0, 1, 2], Millis(5.0)).unwrap_err();
-        assert_eq!(error.to_string(), "level 0 of object 1 has an impossible cost or benefit");
+        assert_eq!(
+            error.to_string(),
+            "level 0 of object 1: a cost must lie in 0..=1e100, a benefit in -1e100..=1e100"
+        );
         assert!(budget.choose(&[level(-1.0, 1.0)], &[0, 1], Millis(5.0)).is_err());
         assert!(budget.choose(&[level(1.0, 1.0)], &[0, 1, 1], Millis(5.0)).is_err());
         assert_eq!(budget.choose(&[], &[0], Millis(5.0)).unwrap().benefit, 0.0);

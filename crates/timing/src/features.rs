@@ -36,7 +36,7 @@ impl Features {
     /// Linear in the indices; keep the result and add the pixels of each view.
     ///
     /// # Errors
-    /// None for a valid mesh: its indices lead somewhere.
+    /// None: the indices of a [`TriangleMesh`] always lead somewhere.
     pub fn of_mesh(mesh: &TriangleMesh, cache_size: u32) -> Result<Self, TimingError> {
         let indices = mesh.triangles().as_flattened();
         let vertices = transformed_vertices(indices, mesh.positions().len(), cache_size)?;

@@ -1,4 +1,4 @@
-//! Where a frame's time goes: the tasks of chapter 2.
+//! Where a frame's time goes: the tasks of Wimmer 2007, chapter 2.
 //!
 //! RT = system + max(CPU, GPU). The CPU does non-rendering work, submits rendering, manages memory and idles; the GPU sets the frame up and renders,
 //! and moves memory. Each task may be measured, modelled or given.

@@ -1,4 +1,4 @@
-//! The four heuristics of chapter 2: what a drawing takes, from its features.
+//! The four heuristics of Wimmer 2007, chapter 2, and an extended one: what a drawing takes, from its features.
 
 use crate::{Features, Millis};
 

@@ -111,8 +111,8 @@ pub enum TimingError {
     /// The maximum form cannot be refitted on sums over objects.
     #[error("only heuristics that add up can be refitted on whole frames")]
     NotLinear,
-    /// A level of detail has an impossible cost or benefit.
-    #[error("level {level} of object {object} has an impossible cost or benefit")]
+    /// A cost is negative, or a cost or benefit is NaN or beyond 1e100.
+    #[error("level {level} of object {object}: a cost must lie in 0..=1e100, a benefit in -1e100..=1e100")]
     Level {
         /// The object.
         object: usize,

@@ -1,6 +1,6 @@
 //! A deterministic graphics card whose law none of the estimators knows.
 //!
-//! Its frames are made of what chapter 2.4.5 describes: every triangle is limited either by its vertices and setup or by its pixels
+//! Its frames are made of what Wimmer 2007, 2.4.5, describes: every triangle is limited either by its vertices and setup or by its pixels
 //! (a pipeline that holds one triangle at a time), pixels come in tiles, hidden pixels are turned away early, caches are cold at each
 //! change of object and warm for an object timed alone, and a system of two moods adds its time.
 
@@ -25,8 +25,6 @@ use glam::{DAffine3, DVec2};
 pub struct Law {
     /// A vertex that misses the vertex cache.
     pub vertex: f64,
-    /// Entries of the vertex cache.
-    pub cache_size: u32,
     /// Setting a triangle up.
     pub setup: f64,
     /// Shading a visible pixel.
@@ -53,7 +51,6 @@ impl Default for Law {
     fn default() -> Self {
         Self {
             vertex: 45.0,
-            cache_size: 24,
             setup: 20.0,
             pixel: 5.0,
             hidden_pixel: 1.2,

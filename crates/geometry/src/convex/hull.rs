@@ -90,8 +90,9 @@ fn polygon(points: &[DVec3], normal: DVec3) -> ConvexBody {
     ConvexBody { vertices, edges, planes, ..ConvexBody::default() }
 }
 
-/// Triangles of the growing hull, corners counter-clockwise from outside.
+/// Points that span space: a tetrahedron that grows by one point after another.
 fn polyhedron(points: &[DVec3], [a, b, c, d]: [usize; 4]) -> ConvexBody {
+    // Triangles of the hull so far, corners counter-clockwise from outside.
     let mut faces: Vec<[usize; 3]> = vec![[a, b, c], [a, d, b], [b, d, c], [c, d, a]];
     let sees = |f: &[usize; 3], p: usize| {
         orient3d(points[f[0]], points[f[1]], points[f[2]], points[p]) == Sign::Positive

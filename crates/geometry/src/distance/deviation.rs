@@ -17,7 +17,7 @@ pub struct Deviation {
     pub max: ErrorBound,
     /// Mean angle between the normals, in radians; `None` when no sample has a same-facing counterpart.
     pub normal_mean: Option<ErrorBound>,
-    /// Largest angle between the normals.
+    /// Largest angle between the normals, in radians.
     pub normal_max: Option<ErrorBound>,
     /// Samples without a counterpart that faces the same way: their normals were not compared.
     pub unmatched: usize,
@@ -41,7 +41,8 @@ impl Deviation {
 /// Measures how far `from` lies from `to` at about `samples` points, spread evenly over the area.
 ///
 /// Normals are compared with the nearest triangle that faces the same way (angle below 90°) within twice the distance
-/// to the nearest one plus `sheet`: so the two sides of a thin wall are not compared with each other. `None` when a surface is empty.
+/// to the nearest one plus `sheet` (in the units of the meshes): so the two sides of a thin wall are not compared with each other. `None` when a
+/// surface is empty.
 ///
 /// # Accuracy
 /// The standard error of the mean falls at least with 1/√samples; maxima are lower bounds of the truth.

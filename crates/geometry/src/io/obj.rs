@@ -11,7 +11,7 @@
 mod build;
 mod material;
 
-use super::{Content, ImportError, Loaded, Siblings, short_name};
+use super::{Content, FAR, ImportError, Loaded, Siblings, short_name};
 use crate::points::PointCloud;
 use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
@@ -20,8 +20,6 @@ use std::path::Path;
 
 /// Most groups with faces, counted by name and material.
 const MAX_PARTS: usize = 1 << 18;
-/// Where the first vertex makes coordinates relative to it: from where `f32` steps are above 1/256 to far beyond any map.
-const FAR: std::ops::Range<f64> = 65_536.0..1e12;
 /// "No index" in corner lists.
 const NONE: u32 = u32::MAX;
 
@@ -58,7 +56,7 @@ pub fn read(reader: impl BufRead, siblings: Siblings<'_>) -> Result<Loaded, Impo
     parser.finish(siblings)
 }
 
-/// The vertices that one kind of corner index (vt or vn) takes part in.
+/// Corner indices of one kind (vt or vn), three for each triangle.
 #[derive(Default)]
 enum Channel {
     /// No corner has one.
@@ -248,20 +246,19 @@ impl Parser {
     }
 
     fn number(&self, word: Option<&[u8]>) -> Result<f32, ImportError> {
-        Ok(self.number_as::<f32>(word)?.0)
+        self.number_as::<f32>(word)
     }
 
-    /// The number and whether it is finite, which it is if this returns.
+    /// A finite number.
     fn number_as<T: std::str::FromStr + Into<f64> + Copy>(
         &self,
         word: Option<&[u8]>,
-    ) -> Result<(T, f64), ImportError> {
+    ) -> Result<T, ImportError> {
         let Some(word) = word else {
             return Err(ImportError::syntax(format!("line {}", self.line), "a number is missing"));
         };
-        let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<T>().ok());
-        match value.map(|v| (v, v.into())) {
-            Some((v, wide)) if wide.is_finite() => Ok((v, wide)),
+        match std::str::from_utf8(word).ok().and_then(|text| text.parse::<T>().ok()) {
+            Some(value) if value.into().is_finite() => Ok(value),
             _ => {
                 let problem = format!("'{}' is not a finite number", show(word));
                 Err(ImportError::syntax(format!("line {}", self.line), problem))
@@ -269,13 +266,18 @@ impl Parser {
         }
     }
 
+    /// Three numbers in full precision.
+    fn point(&self, text: &[Option<&[u8]>; 3]) -> Result<DVec3, ImportError> {
+        let wide = |i: usize| self.number_as::<f64>(text[i]);
+        Ok(DVec3::new(wide(0)?, wide(1)?, wide(2)?))
+    }
+
     fn vertex(&mut self, mut words: Words<'_>) -> Result<(), ImportError> {
         let text = [words.next(), words.next(), words.next()];
         let origin = match self.origin {
             Some(origin) => origin,
             None => {
-                let wide = |i: usize| self.number_as::<f64>(text[i]).map(|(v, _)| v);
-                let first = DVec3::new(wide(0)?, wide(1)?, wide(2)?);
+                let first = self.point(&text)?;
                 let origin =
                     if FAR.contains(&first.abs().max_element()) { first.round() } else { DVec3::ZERO };
                 *self.origin.insert(origin)
@@ -284,8 +286,7 @@ impl Parser {
         let position = if origin == DVec3::ZERO {
             Vec3::new(self.number(text[0])?, self.number(text[1])?, self.number(text[2])?)
         } else {
-            let wide = |i: usize| self.number_as::<f64>(text[i]).map(|(v, _)| v);
-            (DVec3::new(wide(0)?, wide(1)?, wide(2)?) - origin).as_vec3()
+            (self.point(&text)? - origin).as_vec3()
         };
         // x y z, x y z w, x y z r g b or x y z w r g b.
         let mut rest = [0.0; 4];

@@ -5,17 +5,13 @@
 
 mod header;
 
-use super::{Content, ImportError, Loaded};
+use super::{Content, FAR, ImportError, Loaded};
 use crate::mesh::TriangleMesh;
 use crate::points::PointCloud;
 use crate::scene::Scene;
 use glam::{DVec3, Vec2, Vec3};
 use header::{Element, Encoding, Header, Kind, Scalar};
 use std::path::Path;
-
-/// Where the first vertex makes wide coordinates relative to it: from where `f32` steps are above 1/256 to far beyond any
-/// map.
-const FAR: std::ops::Range<f64> = 65_536.0..1e12;
 
 /// Loads a .ply file.
 ///
@@ -158,11 +154,11 @@ fn skip(element: &Element, input: &mut Input<'_>) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// Reads the vertex lists of an element; everything else in it is skipped.
+/// Reads the vertex lists of an element, each with its number; everything else in it is skipped.
 fn each_list(
     element: &Element,
     input: &mut Input<'_>,
-    mut use_list: impl FnMut(&[i64]) -> Result<(), ImportError>,
+    mut use_list: impl FnMut(u64, &[i64]) -> Result<(), ImportError>,
 ) -> Result<(), ImportError> {
     let mut list = Vec::new();
     for number in 0..element.count {
@@ -187,7 +183,7 @@ fn each_list(
                         }
                     }
                     if wanted {
-                        use_list(&list)?;
+                        use_list(number, &list)?;
                     }
                 }
             }
@@ -196,8 +192,10 @@ fn each_list(
     Ok(())
 }
 
-fn index(value: i64) -> Result<u32, ImportError> {
-    u32::try_from(value).map_err(|_| ImportError::syntax("face", format!("{value} is not a vertex index")))
+/// An index in the list of a face.
+fn index(value: i64, face: u64) -> Result<u32, ImportError> {
+    let bad = || ImportError::syntax(format!("face {face}"), format!("{value} is not a vertex index"));
+    u32::try_from(value).map_err(|_| bad())
 }
 
 fn read_faces(
@@ -207,13 +205,13 @@ fn read_faces(
     warnings: &mut Vec<String>,
 ) -> Result<(), ImportError> {
     let mut short = 0;
-    each_list(element, input, |list| {
+    each_list(element, input, |face, list| {
         if list.len() < 3 {
             short += 1;
             return Ok(());
         }
         for pair in list[1..].windows(2) {
-            triangles.push([index(list[0])?, index(pair[0])?, index(pair[1])?]);
+            triangles.push([index(list[0], face)?, index(pair[0], face)?, index(pair[1], face)?]);
         }
         Ok(())
     })?;
@@ -228,10 +226,10 @@ fn read_strips(
     input: &mut Input<'_>,
     triangles: &mut Vec<[u32; 3]>,
 ) -> Result<(), ImportError> {
-    each_list(element, input, |list| {
+    each_list(element, input, |number, list| {
         for strip in list.split(|&i| i == -1) {
             for (i, t) in strip.windows(3).enumerate() {
-                let [a, b, c] = [index(t[0])?, index(t[1])?, index(t[2])?];
+                let [a, b, c] = [index(t[0], number)?, index(t[1], number)?, index(t[2], number)?];
                 triangles.push(if i % 2 == 0 { [a, b, c] } else { [b, a, c] });
             }
         }

@@ -25,7 +25,7 @@ pub struct MeshReport {
     pub border_edges: usize,
     /// Edges of more than two triangles.
     pub non_manifold_edges: usize,
-    /// Connected parts, by shared vertices.
+    /// Connected parts: triangles that share a vertex are in one.
     pub components: usize,
 }
 

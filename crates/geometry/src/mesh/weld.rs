@@ -18,6 +18,9 @@ pub struct Welded {
 /// Gives every distinct position an id, in order of first use. Positive and negative zero are equal.
 ///
 /// Returns the id of each point and the index of the first point of each id.
+///
+/// # Cost
+/// O(n) time, by hashing.
 pub fn weld_points(points: &[Vec3]) -> (Vec<u32>, Vec<u32>) {
     let mut ids: HashMap<[u32; 3], u32> = HashMap::with_capacity(points.len());
     let mut first = Vec::new();

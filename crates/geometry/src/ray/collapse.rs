@@ -79,7 +79,7 @@ pub(super) struct Wide {
 }
 
 impl Wide {
-    /// Collapses a priced tree. `None` when it is deeper than walks allow.
+    /// Collapses a priced tree. Gives the items back when it is deeper than walks allow.
     pub(super) fn collapse(binary: &[Binary], items: Vec<Item>) -> Result<Self, Vec<Item>> {
         let Some(root) = binary.first() else { return Ok(Self::default()) };
         let bounds = root.bounds.aabb();

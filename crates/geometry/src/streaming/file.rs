@@ -4,12 +4,12 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
-/// The folder that holds a path.
+/// The folder that a path lies in; `.` for a bare name.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Makes names in a folder last, where the system can.
+/// Makes sure that files created, renamed or removed in a folder stay so after a crash, where the system can.
 ///
 /// # Errors
 /// Those of the system.

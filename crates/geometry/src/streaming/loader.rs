@@ -78,7 +78,7 @@ where
         self.shared.changed.notify_all();
     }
 
-    /// Takes what has been read since.
+    /// Appends what has been read since the last call to `into`, in the order in which it was finished. Does not wait.
     pub fn take(&self, into: &mut Vec<(N, Result<T, E>)>) {
         into.append(&mut self.shared.lock().loaded);
     }
@@ -89,7 +89,7 @@ where
         state.wanted.is_empty() && state.loading.is_empty() && state.loaded.is_empty()
     }
 
-    /// Gives a buffer back, to be read into again.
+    /// Gives a buffer back, to be read into again; a few are kept.
     pub fn recycle(&self, data: T) {
         let mut state = self.shared.lock();
         if state.spare.len() < 16 {

@@ -38,7 +38,7 @@ impl Lru {
         Self { links: vec![unused; count], newest: NONE, oldest: NONE, used: 0, budget, pinned: 0, frame: 1 }
     }
 
-    /// From now on, what was used before may be given up.
+    /// Begins a frame: what was used before may be given up, what is used from now on stays until the next.
     pub fn next_frame(&mut self) {
         self.frame += 1;
         self.pinned = 0;

@@ -70,30 +70,29 @@ impl Culler {
 
     pub(super) fn visit<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, e: Entry) {
         self.stats.visited += 1;
-        let is_leaf = e.is_leaf;
         match self.options.algorithm {
-            Algorithm::Coherent => self.visit_coherent(hierarchy, e, is_leaf),
+            Algorithm::Coherent => self.visit_coherent(hierarchy, e),
             algorithm => {
                 let frame = self.frame;
                 let state = self.state(e.node());
                 (state.visited, state.parent, state.visible) = (frame, e.parent, false);
                 let asks = match algorithm {
                     Algorithm::FrustumOnly => false,
-                    Algorithm::Naive => is_leaf,
+                    Algorithm::Naive => e.is_leaf,
                     _ => true,
                 };
                 if asks && !e.unbounded {
                     self.issue(hierarchy, &[e.node()], true, false);
                 } else {
                     self.pull_up(e.node());
-                    self.expand(hierarchy, &e, 0, is_leaf);
+                    self.expand(hierarchy, &e, 0, e.is_leaf);
                 }
             }
         }
     }
 
-    pub(super) fn visit_coherent<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, e: Entry, is_leaf: bool) {
-        let (frame, mode) = (self.frame, self.switch.mode());
+    fn visit_coherent<H: Hierarchy + ?Sized>(&mut self, hierarchy: &H, e: Entry) {
+        let (frame, mode, is_leaf) = (self.frame, self.switch.mode(), e.is_leaf);
         let was_visible = self.was_visible(&e);
         let asks_again = !is_leaf && self.asks_about_opening(e.node(), was_visible);
         let bounded = match self.options.policy {

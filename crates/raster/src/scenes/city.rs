@@ -14,6 +14,11 @@ pub(crate) const BLOCK: u32 = 40;
 /// Width of a street between house fronts, in metres.
 pub(crate) const STREET: u32 = 11;
 const PITCH: u32 = BLOCK + STREET;
+/// Place across itself of the middle of street `n`, in metres; streets along x and y have the same.
+pub(super) fn street_middle(n: f64) -> f64 {
+    0.5 * f64::from(STREET) + f64::from(PITCH) * n
+}
+
 const PAVEMENT: u32 = 2;
 const KERB: f32 = 0.14;
 

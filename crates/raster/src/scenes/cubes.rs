@@ -41,7 +41,8 @@ impl Cubes {
         let [shortest, longest] = self.edge;
         check("count", self.count.into(), "0..=100000000", self.count <= 100_000_000)?;
         let edges = shortest > 0.0 && longest >= shortest && longest <= 1e6;
-        check("edge", shortest, "0 < shortest <= longest <= 1e6", edges)?;
+        let culprit = if shortest > 0.0 { longest } else { shortest };
+        check("edge", culprit, "0 < shortest <= longest <= 1e6", edges)?;
         check("side", self.side, "(0, 1e9]", self.side > 0.0 && self.side <= 1e9)?;
         let mut scene = Scene::new();
         let mut builder = Builder::default();

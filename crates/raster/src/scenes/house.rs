@@ -32,7 +32,7 @@ pub(crate) struct House {
     /// Windows in the left and right wall (they are party walls otherwise).
     pub(crate) open_left: bool,
     pub(crate) open_right: bool,
-    /// Waves of the roof per metre, times six columns each.
+    /// Columns of the roof per metre; six of them make a wave of its tiles.
     pub(crate) roof_columns_per_metre: f32,
 }
 

@@ -1,6 +1,7 @@
 //! Camera paths.
 
 use super::City;
+use super::city::street_middle;
 use crate::RasterError;
 use farsight_geometry::Camera;
 use glam::DVec3;
@@ -28,9 +29,7 @@ impl Path {
     /// A walk along a street at eye height with a turn into a side street at half way.
     pub fn street_walk(city: &City) -> Self {
         let side = city.side();
-        let street = |n: f64| 5.5 + 51.0 * n;
-        let n = (f64::from(city.blocks * city.repeat) * 0.5).floor();
-        let (y, x) = (street(n), street(n));
+        let (x, y) = (middle_street(city), middle_street(city));
         let at = |x: f64, y: f64| DVec3::new(x, y, 1.8);
         let ahead = |x: f64, y: f64| DVec3::new(x, y, 2.3);
         Self {
@@ -48,7 +47,7 @@ impl Path {
 
     /// From eye height in a street straight up to 35 m, the view tilting over the roofs.
     pub fn rise(city: &City) -> Self {
-        let x = 5.5 + 51.0 * (f64::from(city.blocks * city.repeat) * 0.5).floor();
+        let x = middle_street(city);
         let target = DVec3::new(x + 30.0, city.side() * 0.8, 4.0);
         let at = |z: f64| (DVec3::new(x, 24.0, z), target);
         Self { stops: vec![at(1.8), at(6.0), at(12.0), at(22.0), at(35.0)] }
@@ -56,7 +55,7 @@ impl Path {
 
     /// A full turn at a crossing, at eye height.
     pub fn turn(city: &City) -> Self {
-        let c = 5.5 + 51.0 * (f64::from(city.blocks * city.repeat) * 0.5).floor();
+        let c = middle_street(city);
         let eye = DVec3::new(c, c, 1.8);
         let target = |n: i32| {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(n) / 16.0).sin_cos();
@@ -99,6 +98,11 @@ impl Path {
         let f = u - i as f64;
         (catmull_rom(a.0, b.0, c.0, d.0, f), catmull_rom(a.1, b.1, c.1, d.1, f))
     }
+}
+
+/// Where the street nearest to the town's middle runs, along x as along y.
+fn middle_street(city: &City) -> f64 {
+    street_middle((f64::from(city.blocks * city.repeat) * 0.5).floor())
 }
 
 fn catmull_rom(a: DVec3, b: DVec3, c: DVec3, d: DVec3, t: f64) -> DVec3 {

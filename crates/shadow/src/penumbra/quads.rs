@@ -123,7 +123,7 @@ struct MeshEdge {
     ends: [DVec3; 2],
     /// Third corners of the faces.
     apexes: [DVec3; 2],
-    /// Planes of the two faces, when there are just two and they are wound alike; otherwise the edge is one for any light.
+    /// Planes of the two faces, when there are just two and they are wound alike; otherwise the edge counts as a silhouette edge for any light.
     planes: Option<[Plane; 2]>,
 }
 

@@ -6,7 +6,7 @@ use farsight_geometry::sampling::Random;
 use farsight_geometry::{Camera, Frustum, Sphere, TriangleMesh};
 use glam::{DAffine3, DVec3, Vec3};
 
-/// Entries of the vertex cache that features are counted for; the card's own.
+/// Entries of the simulated card's vertex cache: what triangles miss there is counted once, for the card and for features alike.
 const CACHE_SIZE: u32 = 24;
 
 /// An object at one level of detail.
