@@ -431,9 +431,16 @@ fn instances_tie_to_the_lowest_and_singular_ones_are_named() {
     let caster = SceneCaster::new(&scene).unwrap();
     let hit = caster.closest(&Ray::new(DVec3::new(0.1, 0.2, 5.0), DVec3::NEG_Z).unwrap()).unwrap();
     assert_eq!(hit.instance, 0);
+    // Shrunk to a point or a line there is nothing to hit.
+    scene.add_instance(place(DVec3::ZERO)).unwrap();
+    scene.add_instance(place(DVec3::Y)).unwrap();
+    let caster = SceneCaster::new(&scene).unwrap();
+    assert!(
+        caster.closest(&Ray::new(DVec3::new(0.0, 0.0, 0.5), DVec3::X).unwrap()).is_some_and(|h| h.t > 0.5)
+    );
     scene.add_instance(place(DVec3::new(1.0, 1.0, 0.0))).unwrap();
     let error = SceneCaster::new(&scene).unwrap_err();
-    assert_eq!(error.to_string(), "instance 2 ('copy') has a placement without inverse");
+    assert_eq!(error.to_string(), "instance 4 ('copy') has a placement without inverse");
     let empty = SceneCaster::new(&Scene::new()).unwrap();
     assert!(empty.closest(&Ray::new(DVec3::ZERO, DVec3::X).unwrap()).is_none());
 }

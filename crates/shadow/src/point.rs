@@ -11,8 +11,7 @@ use glam::DVec3;
 pub struct PointLight {
     /// Where it is, in the world.
     pub position: DVec3,
-    /// Distance before which nothing is covered, measured along the axis of a map: off the axis that is up to 1.6 times (single map) or 1.7 times
-    /// (cube) as far from the light. Positive.
+    /// Distance from the light within which nothing casts a shadow. Positive; the maps begin a little before it, since they begin with a plane.
     pub near: f64,
     /// Distance beyond which nothing is lit; may be infinite.
     pub range: f64,
@@ -29,6 +28,14 @@ pub struct PointFocus {
     used: Vec<(usize, Option<CubeFace>)>,
     body: ConvexBody,
     points: Vec<DVec3>,
+}
+
+/// Distance of an octagon's corners from its middle over that of its sides, a little more.
+const CORNER: f64 = 1.082_393;
+
+/// Cosine of an angle with a known tangent: a plane that far along the axis is nowhere, within the angle, beyond the unit sphere.
+fn least_cosine(tangent: f64) -> f64 {
+    1.0 / tangent.hypot(1.0)
 }
 
 /// Texels by which cube faces overlap, so that filters do not end at their borders.
@@ -49,11 +56,13 @@ impl PointFocus {
         let &PointLight { position, near, range } = light;
         let margin = OVERLAP_TEXELS / f64::from(scope.map_side.max(1));
         // Refuses bad input before anything is measured.
-        let face = |f: CubeFace| ShadowLight::cube_face(position, f, margin, near, range);
+        let plane = near * least_cosine(std::f64::consts::SQRT_2 * (1.0 + margin));
+        let face = |f: CubeFace| ShadowLight::cube_face(position, f, margin, plane, range);
         face(CubeFace::PosX).check()?;
         scope.check()?;
         if let Some((axis, tangent)) = self.cone(light, scope) {
             let side = frame_of(axis);
+            let near = near * least_cosine(tangent * CORNER);
             let spot =
                 ShadowLight::Spot { position, direction: axis, tangent, round: true, side, near, range };
             let skip = self.focuses[0].fit(&spot, scope)?;
@@ -114,6 +123,28 @@ mod tests {
     fn covers(view: &ShadowView, p: DVec3) -> bool {
         let clip = view.matrix() * (p - view.origin).as_vec3().extend(1.0);
         clip.w > 0.0 && clip.x.abs() <= clip.w && clip.y.abs() <= clip.w
+    }
+
+    /// What is just beyond the near distance casts, in the corners of a cube's faces and at the edge of a single map's cone too.
+    #[test]
+    fn what_is_beyond_the_near_distance_casts() {
+        let light = PointLight { position: DVec3::ZERO, near: 1.0, range: f64::INFINITY };
+        // The eye behind the light sees a receiver in the corner of a cube, far away; all around for the cube.
+        let corner = dvec3(1.0, 1.0, 1.0).normalize();
+        let camera = Camera::look_at(-20.0 * corner, corner, DVec3::Y).unwrap();
+        let far = DAabb::from_points([10.0 * corner]).inflated(1.0);
+        let around = DAabb::from_points([DVec3::ZERO]).inflated(15.0);
+        let casters = [DAabb::from_points([1.05 * corner]).inflated(0.02)];
+        for (receivers, maps) in [([far], 1), ([around], 6)] {
+            let scope = Scope::new(&camera, 100.0, &receivers, &casters, 1024);
+            let mut focus = PointFocus::new();
+            assert_eq!(focus.fit(&light, &scope), Ok(None));
+            assert!(focus.maps().count() <= maps);
+        }
+        let within = [DAabb::from_points([0.3 * corner]).inflated(0.02)];
+        let receivers = [around];
+        let scope = Scope::new(&camera, 100.0, &receivers, &within, 1024);
+        assert_eq!(PointFocus::new().fit(&light, &scope), Ok(Some(Skip::NoCaster)));
     }
 
     /// Every point that is seen and lit lies in the map of its face, wherever the light is.

@@ -65,13 +65,18 @@ impl SceneCaster {
     /// Builds a tree for every mesh that is placed, and one over the instances.
     ///
     /// # Errors
-    /// [`SceneCasterError::Singular`] names the first instance whose placement has no inverse.
+    /// [`SceneCasterError::Singular`] names the first instance whose placement has no inverse. Those that are shrunk to a line or a point are left out: no ray
+    /// hits them, and files hide objects that way.
     pub fn new(scene: &Scene) -> Result<Self, SceneCasterError> {
         let mut meshes = vec![None; scene.meshes().len()];
         let mut placed = Vec::with_capacity(scene.instances().len());
         for (index, instance) in scene.instances().iter().enumerate() {
             let matrix = instance.world_from_mesh.matrix3;
             let mesh_from_world = instance.world_from_mesh.inverse();
+            let [x, y, z] = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
+            if [x.cross(y), y.cross(z), z.cross(x)] == [DVec3::ZERO; 3] {
+                continue;
+            }
             let sound = matrix.determinant() != 0.0 && mesh_from_world.is_finite();
             if !sound {
                 let (instance, name) = (index as u32, instance.name.clone());

@@ -1,5 +1,7 @@
 //! Reading and decoding in the background, the most wanted first.
 
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
@@ -15,6 +17,8 @@ struct State<N, T, E> {
     loaded: Vec<(N, Result<T, E>)>,
     /// Buffers to use again.
     spare: Vec<T>,
+    /// What `read` panicked with.
+    panic: Option<Box<dyn Any + Send>>,
     stop: bool,
 }
 
@@ -53,6 +57,7 @@ where
             loading: Vec::new(),
             loaded: Vec::new(),
             spare: Vec::new(),
+            panic: None,
             stop: false,
         };
         let shared = Arc::new(Shared { state: Mutex::new(state), changed: Condvar::new() });
@@ -79,8 +84,17 @@ where
     }
 
     /// Appends what has been read since the last call to `into`, in the order in which it was finished. Does not wait.
+    ///
+    /// # Panics
+    /// When `read` has: with what it panicked with. Its thread goes on with other things.
     pub fn take(&self, into: &mut Vec<(N, Result<T, E>)>) {
-        into.append(&mut self.shared.lock().loaded);
+        let mut state = self.shared.lock();
+        into.append(&mut state.loaded);
+        let panic = state.panic.take();
+        drop(state);
+        if let Some(panic) = panic {
+            resume_unwind(panic);
+        }
     }
 
     /// Whether nothing is waiting, under way, or read and not taken.
@@ -117,10 +131,14 @@ impl<N, T, E> Shared<N, T, E> {
             state.loading.push(name);
             let mut data = state.spare.pop().unwrap_or_default();
             drop(state);
-            let outcome = read(name, &mut data).map(|()| data);
+            // A buffer that a panic left half filled is not used again.
+            let outcome = catch_unwind(AssertUnwindSafe(|| read(name, &mut data).map(|()| data)));
             state = self.lock();
             state.loading.retain(|&n| n != name);
-            state.loaded.push((name, outcome));
+            match outcome {
+                Ok(outcome) => state.loaded.push((name, outcome)),
+                Err(panic) => state.panic = Some(panic),
+            }
         }
     }
 }
@@ -132,5 +150,29 @@ impl<N, T, E> Drop for Loader<N, T, E> {
         for thread in self.threads.drain(..) {
             let _ = thread.join();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_comes_to_who_takes_and_nothing_hangs() {
+        let loader = Loader::new(1, |number: u32, into: &mut u32| {
+            assert!(number != 3, "number three");
+            *into = 10 * number;
+            Ok::<(), ()>(())
+        });
+        loader.request([3, 4].into_iter(), 10);
+        while loader.shared.lock().loaded.is_empty() {
+            std::thread::yield_now();
+        }
+        let mut read = Vec::new();
+        let taken = catch_unwind(AssertUnwindSafe(|| loader.take(&mut read)));
+        let message = taken.unwrap_err();
+        assert_eq!(message.downcast_ref::<&str>(), Some(&"number three"));
+        assert_eq!(read, [(4, Ok(40))]);
+        assert!(loader.is_idle());
     }
 }

@@ -66,7 +66,11 @@ impl Lru {
     }
 
     /// Notes a use of what is held.
+    ///
+    /// # Panics
+    /// When it is not held.
     pub fn touch(&mut self, number: u32) {
+        assert!(self.holds(number), "{number} is touched and not held");
         if self.newest != number {
             self.unlink(number);
             self.link(number);
@@ -80,6 +84,7 @@ impl Lru {
 
     /// Makes room by giving up what was not used in this frame, oldest first; each goes to `release`. False when there is
     /// not enough to give up, in which case nothing is.
+    #[must_use]
     pub fn make_room(&mut self, bytes: u64, mut release: impl FnMut(u32)) -> bool {
         let mut free = self.budget.saturating_sub(self.used);
         let mut at = self.oldest;
@@ -98,7 +103,11 @@ impl Lru {
     }
 
     /// Adds what is not held yet, and for which room was made, as used now.
+    ///
+    /// # Panics
+    /// When it is held already.
     pub fn insert(&mut self, number: u32, bytes: u64) {
+        assert!(!self.holds(number), "{number} is inserted and held already");
         let link = &mut self.links[number as usize];
         (link.bytes, link.held, link.last_use) = (bytes, true, self.frame);
         self.used += bytes;
