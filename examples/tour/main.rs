@@ -87,7 +87,7 @@ impl Options {
 
     /// Frames of the moment at full rate.
     fn moment(&self) -> usize {
-        if self.quick { 4 } else { 16 }
+        if self.quick { 4 } else { 12 }
     }
 
     /// Width and height of a frame.
