@@ -138,9 +138,6 @@ pub struct Tree {
     pub(crate) input_triangles: u64,
 }
 
-/// Leaves are not simplified, and may spend more of their tolerance on rounding than inner nodes: their steps are larger by so many powers of two.
-const LEAF_COARSER: u32 = 1;
-
 /// How fine the lattices of nodes are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Steps {
@@ -156,7 +153,7 @@ impl Steps {
         let edge = BITS - cell.level;
         let power = edge.saturating_sub(self.inner);
         // Meshes of two levels above have f32 coordinates while they are simplified: 23 bits.
-        let leaf = (power + LEAF_COARSER).min(self.leaf_most.max(edge.saturating_sub(21)));
+        let leaf = power.min(self.leaf_most.max(edge.saturating_sub(21)));
         1 << if is_leaf { leaf } else { power }
     }
 }
@@ -302,6 +299,6 @@ mod tests {
         let cell = Cell { level: 3, at: [0; 3] };
         assert_eq!((steps.of(&cell, false), steps.of(&cell, true)), (1 << 16, 1 << 12));
         let deep = Cell { level: 16, at: [0; 3] };
-        assert_eq!((steps.of(&deep, false), steps.of(&deep, true)), (1 << 3, 1 << 4));
+        assert_eq!((steps.of(&deep, false), steps.of(&deep, true)), (1 << 3, 1 << 3));
     }
 }
