@@ -80,6 +80,8 @@ pub struct Renderer<'a> {
     options: RenderOptions<'a>,
     map_side: u32,
     tolerances: Tolerances,
+    /// Instances from here on move.
+    first_mover: u32,
 }
 
 /// The scene as the sun sees it, from some of the renderer's fields.
@@ -91,7 +93,7 @@ macro_rules! stage {
             bounds: &$renderer.bounds,
             stretch: &$renderer.stretch,
             forms: $renderer.forms,
-            first_mover: $renderer.movers.as_ref().map_or(u32::MAX, |m| m.instances().start),
+            first_mover: $renderer.first_mover,
         }
     };
 }
@@ -115,10 +117,11 @@ impl<'a> Renderer<'a> {
         Ok(Self {
             forms: &built.forms,
             cells: &built.cells,
-            movers,
             pictures: Pictures::new(scene, sun.as_ref().map(|s| s.direction), options.supersampling),
             hierarchy: Bvh::build(&bounds)?,
             stretch: (0..bounds.len() as u32).map(|o| planning.stretch(o)).collect(),
+            first_mover: movers.as_ref().map_or(bounds.len() as u32, |m| m.instances().start),
+            movers,
             bounds,
             visibility: Visibility::new(scene, width, height)?,
             planning,
@@ -135,7 +138,6 @@ impl<'a> Renderer<'a> {
 
     /// Moves what moves to where it is at a time in seconds.
     pub fn fly(&mut self, time: f64) -> Result<(), Box<dyn Error>> {
-        let first = self.first_mover();
         if let Some(movers) = &self.movers {
             movers.fly(self.scene, time)?;
             for object in movers.instances() {
@@ -146,13 +148,8 @@ impl<'a> Renderer<'a> {
                 self.hierarchy.set_bounds(object, bounds)?;
             }
         }
-        self.pictures.begin(self.scene, first);
+        self.pictures.begin(self.scene, self.first_mover);
         Ok(())
-    }
-
-    /// Instances from here on move.
-    fn first_mover(&self) -> u32 {
-        self.movers.as_ref().map_or(self.bounds.len() as u32, |m| m.instances().start)
     }
 
     /// Draws what the plan for this view asks for; `jumped` where the eye is not on its way from the last frame.
@@ -173,7 +170,7 @@ impl<'a> Renderer<'a> {
         let allowed_px = self.tolerances.position_px * plan.allowed;
         self.follow_movers(&plan, camera, allowed_px)?;
         let fine = self.fine(camera)?;
-        let first_mover = self.first_mover();
+        let first_mover = self.first_mover;
         let Self { scene, forms, cells, movers, pictures, visibility, planning, rasteriser, .. } = self;
         let (movers, seen) = (movers.as_ref(), planning.seen());
         let shaping = Shaping { scene, forms, movers, seen, plan: &plan, allowed_px };

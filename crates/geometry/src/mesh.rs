@@ -38,6 +38,8 @@ pub struct TriangleMesh {
     normals: Option<Vec<Vec3>>,
     uvs: Option<Vec<Vec2>>,
     colours: Option<Vec<[u8; 4]>>,
+    /// Around the corners of all triangles.
+    bounds: Aabb,
 }
 
 /// Why a mesh was refused.
@@ -125,7 +127,14 @@ impl TriangleMesh {
                 return Err(MeshError::IndexOutOfRange { triangle, index, vertices });
             }
         }
-        Ok(Self { positions, triangles, ..Self::default() })
+        Ok(Self::of_valid(positions, triangles))
+    }
+
+    /// Takes what was checked.
+    fn of_valid(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
+        let mut mesh = Self { positions, triangles, ..Self::default() };
+        mesh.bounds = Aabb::from_points(mesh.corner_iter().flatten());
+        mesh
     }
 
     /// Copies positions and a flat index list, three indices a triangle.
@@ -259,8 +268,9 @@ impl TriangleMesh {
     }
 
     /// Local box around the vertices that triangles use.
+    #[inline]
     pub fn bounds(&self) -> Aabb {
-        Aabb::from_points(self.corner_iter().flatten())
+        self.bounds
     }
 
     /// World box around the vertices that triangles use.

@@ -42,9 +42,10 @@ pub fn weld_points(points: &[Vec3]) -> (Vec<u32>, Vec<u32>) {
 pub(super) fn welded(mesh: &TriangleMesh) -> Welded {
     let (new_from_old, first) = weld_points(&mesh.positions);
     let positions: Vec<Vec3> = first.iter().map(|&i| mesh.positions[i as usize]).collect();
-    let triangles = mesh.triangles.iter().map(|t| t.map(|i| new_from_old[i as usize])).collect();
+    let triangles: Vec<[u32; 3]> =
+        mesh.triangles.iter().map(|t| t.map(|i| new_from_old[i as usize])).collect();
     let merged = mesh.positions.len() - positions.len();
-    let mesh = TriangleMesh { origin: mesh.origin, positions, triangles, ..TriangleMesh::default() };
+    let mesh = TriangleMesh { origin: mesh.origin, ..TriangleMesh::of_valid(positions, triangles) };
     Welded { mesh, new_from_old, merged }
 }
 
