@@ -3,19 +3,25 @@
 use crate::cell::Cube;
 use crate::piece::Attributes;
 use crate::tree::{Node, Steps, Stored};
+use farsight_geometry::streaming::{FOOTER, Sealed};
 
 /// First bytes of a file.
 pub(crate) const MAGIC: &[u8; 16] = b"farsight-hlod-2\n";
-/// Last bytes of a file.
-pub(super) const END: &[u8; 8] = b"fs-hlod2";
-/// Offset and length of the index, its CRC-32, the footer's own, end mark.
-pub(super) const FOOTER: usize = 8 + 8 + 4 + 4 + 8;
 /// Bytes of the index before the nodes: attributes, steps, cube, resolution, input triangles, nodes.
-pub(super) const HEAD: usize = 4 + 4 * 8 + 8 + 8 + 4;
+const HEAD: usize = 4 + 4 * 8 + 8 + 8 + 4;
 /// Bytes of a node without its meshes: level, children, meshes, a spare one, cell, box, cone.
 pub(super) const NODE: usize = 4 + 12 + 24 + 16;
 /// Bytes of a stored mesh.
 pub(super) const MESH: usize = 8 + 7 * 4 + 16;
+
+/// How a file is closed.
+pub(super) const SEALED: Sealed = Sealed {
+    kind: "a hierarchy",
+    magic: MAGIC,
+    end: b"fs-hlod2",
+    least_index: HEAD,
+    checksum: crc32fast::hash,
+};
 
 /// What the index says about the whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,13 +43,7 @@ pub(crate) fn tail(head: &Head, nodes: &[Node], offset: u64) -> Vec<u8> {
     out.extend(head.input_triangles.to_le_bytes());
     out.extend((nodes.len() as u32).to_le_bytes());
     nodes.iter().for_each(|n| record(n, &mut out));
-    let (length, crc) = (out.len() as u64, crc32fast::hash(&out));
-    let footer = out.len();
-    out.extend(offset.to_le_bytes());
-    out.extend(length.to_le_bytes());
-    out.extend(crc.to_le_bytes());
-    out.extend(crc32fast::hash(&out[footer..]).to_le_bytes());
-    out.extend(END);
+    SEALED.close(&mut out, offset);
     out
 }
 

@@ -1,10 +1,11 @@
 //! The index of a file that may hold anything.
 
-use super::format::{END, FOOTER, HEAD, Head, MAGIC, MESH, NODE};
+use super::format::{Head, MAGIC, MESH, NODE, SEALED};
 use crate::HlodError;
 use crate::cell::{BITS, Cell, Cube, DEEPEST};
 use crate::piece::Attributes;
 use crate::tree::{Cone, LatticeBox, NO_NODE, Node, Steps, Stored, Tree};
+use farsight_geometry::streaming::Cursor;
 use glam::{DVec3, Vec3};
 use std::path::Path;
 
@@ -18,66 +19,8 @@ pub(super) fn tree(path: &Path, length: u64, read: Read<'_>) -> Result<Tree, Hlo
         offset,
         problem: problem.to_owned(),
     };
-    if length < (MAGIC.len() + HEAD + FOOTER) as u64 {
-        return Err(damaged(length, "too short for a hierarchy"));
-    }
-    if read(0, MAGIC.len())? != MAGIC {
-        return Err(damaged(0, "not a hierarchy, or of another version"));
-    }
-    let at = length - FOOTER as u64;
-    let bytes = read(at, FOOTER)?;
-    let mut footer = Cursor(&bytes);
-    let (Some(offset), Some(size), Some(crc), Some(own)) =
-        (footer.u64(), footer.u64(), footer.u32(), footer.u32())
-    else {
-        return Err(damaged(at, "no footer"));
-    };
-    if footer.0 != END || crc32fast::hash(&bytes[..20]) != own {
-        return Err(damaged(at, "no footer: the file is cut off or was never finished"));
-    }
-    if offset < MAGIC.len() as u64 || offset.checked_add(size) != Some(at) || size < HEAD as u64 {
-        return Err(damaged(at, "the index is not where the footer says"));
-    }
-    let index = read(offset, size as usize)?;
-    if crc32fast::hash(&index) != crc {
-        return Err(damaged(offset, "the checksum of the index is wrong"));
-    }
+    let (offset, index) = SEALED.index(length, read, damaged)?;
     parse(&index, offset).map_err(|problem| damaged(offset, &problem))
-}
-
-/// Little-endian numbers from the front of a slice.
-struct Cursor<'a>(&'a [u8]);
-
-impl<'a> Cursor<'a> {
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (now, later) = self.0.split_first_chunk::<N>()?;
-        self.0 = later;
-        Some(*now)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn i32(&mut self) -> Option<i32> {
-        self.array().map(i32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    fn f32(&mut self) -> Option<f32> {
-        self.array().map(f32::from_le_bytes)
-    }
-
-    fn f64(&mut self) -> Option<f64> {
-        self.array().map(f64::from_le_bytes)
-    }
-
-    fn triple<T>(&mut self, one: impl Fn(&mut Self) -> Option<T>) -> Option<[T; 3]> {
-        Some([one(self)?, one(self)?, one(self)?])
-    }
 }
 
 fn parse(index: &[u8], payload_end: u64) -> Result<Tree, String> {

@@ -6,17 +6,23 @@
 use crate::Grid;
 use crate::frame::{Cell, Frame};
 use crate::node::Node;
+use farsight_geometry::streaming::{FOOTER, Sealed};
 
 /// First bytes of a file.
 pub(crate) const MAGIC: &[u8; 16] = b"farsight-points1";
-/// Last bytes of a file.
-pub(super) const END: &[u8; 8] = b"fs-end-1";
-/// Offset and length of the index, its CRC-32, the footer's own, end mark.
-pub(super) const FOOTER: usize = 8 + 8 + 4 + 4 + 8;
 /// Bytes of a node's record.
 pub(super) const NODE: usize = 32;
 /// Bytes of the index before the attributes' name.
-pub(super) const HEAD: usize = 8 + 2 * 12 + 7 * 8 + 8 + 8;
+const HEAD: usize = 8 + 2 * 12 + 7 * 8 + 8 + 8;
+
+/// How a file is closed.
+pub(super) const SEALED: Sealed = Sealed {
+    kind: "a file of points",
+    magic: MAGIC,
+    end: b"fs-end-1",
+    least_index: HEAD,
+    checksum: crc32fast::hash,
+};
 
 /// What the index says about the whole.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,13 +61,7 @@ pub(crate) fn tail(head: &Head, nodes: &[Node], counts: &[u32], offset: u64) -> 
     out.extend(name);
     nodes.iter().for_each(|n| record(n, head.frame.bits, &mut out));
     counts.iter().for_each(|c| out.extend(c.to_le_bytes()));
-    let (length, crc) = (out.len() as u64, crc32fast::hash(&out));
-    let footer = out.len();
-    out.extend(offset.to_le_bytes());
-    out.extend(length.to_le_bytes());
-    out.extend(crc.to_le_bytes());
-    out.extend(crc32fast::hash(&out[footer..]).to_le_bytes());
-    out.extend(END);
+    SEALED.close(&mut out, offset);
     out
 }
 

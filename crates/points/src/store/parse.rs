@@ -1,12 +1,13 @@
 //! The index of a file that may hold anything.
 
-use super::format::{END, FOOTER, HEAD, Head, MAGIC, NODE, contains, from_256ths};
+use super::format::{Head, MAGIC, NODE, SEALED, contains, from_256ths};
 use super::octree::{Octree, Record};
 use crate::frame::{Cell, Frame};
 use crate::layout::MOST_ATTRIBUTE_BYTES;
 use crate::morton;
 use crate::node::POINT_BYTES;
 use crate::{Grid, PointsError};
+use farsight_geometry::streaming::Cursor;
 use glam::DVec3;
 use std::path::Path;
 
@@ -20,66 +21,10 @@ pub(super) fn octree(path: &Path, length: u64, read: Read<'_>) -> Result<Octree,
         offset,
         problem: problem.to_owned(),
     };
-    let least = (MAGIC.len() + HEAD + FOOTER) as u64;
-    if length < least {
-        return Err(damaged(length, "too short for a file of points"));
-    }
-    if read(0, MAGIC.len())? != MAGIC {
-        return Err(damaged(0, "not a file of points, or of another version"));
-    }
-    let at = length - FOOTER as u64;
-    let footer = read(at, FOOTER)?;
-    let mut footer = Cursor(&footer);
-    let bytes = footer.0;
-    let (Some(offset), Some(size), Some(crc), Some(own)) =
-        (footer.u64(), footer.u64(), footer.u32(), footer.u32())
-    else {
-        return Err(damaged(at, "no footer"));
-    };
-    if footer.0 != END || crc32fast::hash(&bytes[..20]) != own {
-        return Err(damaged(at, "no footer: the file is cut off or was never finished"));
-    }
-    if offset < MAGIC.len() as u64 || offset.checked_add(size) != Some(at) || size < HEAD as u64 {
-        return Err(damaged(at, "the index is not where the footer says"));
-    }
-    let index = read(offset, size as usize)?;
-    if crc32fast::hash(&index) != crc {
-        return Err(damaged(offset, "the checksum of the index is wrong"));
-    }
+    let (offset, index) = SEALED.index(length, read, damaged)?;
     let parsed = parse(&index, offset - MAGIC.len() as u64);
     let (head, records) = parsed.map_err(|problem| damaged(offset, &problem))?;
     Octree::new(head, records).map_err(|problem| damaged(offset, &problem))
-}
-
-/// Little-endian numbers from the front of a slice.
-struct Cursor<'a>(&'a [u8]);
-
-impl<'a> Cursor<'a> {
-    fn take(&mut self, count: usize) -> Option<&'a [u8]> {
-        let (now, later) = self.0.split_at_checked(count)?;
-        self.0 = later;
-        Some(now)
-    }
-
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        self.take(N)?.try_into().ok()
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    fn f64(&mut self) -> Option<f64> {
-        self.array().map(f64::from_le_bytes)
-    }
-
-    fn triple<T>(&mut self, one: impl Fn(&mut Self) -> Option<T>) -> Option<[T; 3]> {
-        Some([one(self)?, one(self)?, one(self)?])
-    }
 }
 
 fn parse(index: &[u8], payload: u64) -> Result<(Head, Vec<Record>), String> {
