@@ -7,13 +7,15 @@ use crate::occluders::Occluders;
 use crate::options::{Budget, Options};
 use crate::pvs::Pvs;
 use crate::sampler::Sampler;
-use crate::store::PvsWriter;
+use crate::store::{PvsWriter, checksum};
 use crate::triangles::Triangles;
 use crate::validate::Missed;
+use farsight_geometry::streaming::{folder_of, sync_folder};
 use farsight_geometry::{Cost, RayCaster};
-use std::io::{Seek, SeekFrom, Write};
+use std::fs::File;
+use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
 use std::ops::{ControlFlow, Range};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Cells that are sampled side by side, and after which a file is brought up to date.
 const BATCH: u32 = 8;
@@ -147,8 +149,8 @@ impl<C: RayCaster> Bake<'_, C> {
     }
 
     /// Bakes into a file. Work in progress stands beside it under the name with `.part` added, whole cells only; when it is
-    /// broken off, by `progress` or by force, the next call goes on from there. The file itself appears when all cells are in it.
-    /// Returns whether it did.
+    /// broken off, by `progress` or by force, the next call goes on from there, if it is for the same triangles, cells, options and budget (what hides is
+    /// taken to be the same). The file itself appears when all cells are in it. Returns whether it did.
     ///
     /// # Errors
     /// As [`section`](Self::section), and [`VisibilityError::File`].
@@ -158,21 +160,28 @@ impl<C: RayCaster> Bake<'_, C> {
         cells: Range<u32>,
         progress: impl FnMut(&BakedCell) -> ControlFlow<()>,
     ) -> Result<bool, VisibilityError> {
-        let failed = |e: std::io::Error| VisibilityError::File {
-            path: path.display().to_string(),
-            reason: e.to_string(),
-        };
-        let mut part = path.as_os_str().to_owned();
-        part.push(".part");
-        let part = Path::new(&part);
+        let failed =
+            |e: io::Error| VisibilityError::File { path: path.display().to_string(), reason: e.to_string() };
+        let part = beside(path, ".part");
+        let mark = self.identity().to_le_bytes();
         let fresh = PvsWriter::new(self.grid, self.triangles.members(), cells.clone())?;
-        let old = std::fs::read(part).unwrap_or_default();
-        let mut writer = fresh.clone().resume(&old).unwrap_or(fresh);
+        let old = match std::fs::read(&part) {
+            Err(e) if e.kind() == ErrorKind::NotFound => Vec::new(),
+            read => read.map_err(failed)?,
+        };
+        // Work on another scene, or with other options, is of no use here.
+        let sections = old.strip_prefix(&mark).unwrap_or_default();
+        let mut writer = fresh.clone().resume(sections).unwrap_or(fresh);
+        let mut written = if sections.starts_with(writer.bytes()) { writer.bytes().len() } else { 0 };
         let mut options = std::fs::OpenOptions::new();
-        let mut file = options.write(true).create(true).truncate(false).open(part).map_err(failed)?;
-        let kept = if old.starts_with(writer.bytes()) { writer.bytes().len() as u64 } else { 0 };
-        file.set_len(kept).and_then(|()| file.seek(SeekFrom::Start(kept))).map_err(failed)?;
-        let mut written = kept as usize;
+        let mut file = options.write(true).create(true).truncate(false).open(&part).map_err(failed)?;
+        if written == 0 {
+            // Never this mark before another's work.
+            file.set_len(0).and_then(|()| file.write_all(&mark)).map_err(failed)?;
+        } else {
+            let kept = (mark.len() + written) as u64;
+            file.set_len(kept).and_then(|()| file.seek(SeekFrom::Start(kept))).map_err(failed)?;
+        }
         let save = |writer: &PvsWriter| {
             file.write_all(&writer.bytes()[written..]).and_then(|()| file.sync_data()).map_err(failed)?;
             written = writer.bytes().len();
@@ -181,9 +190,15 @@ impl<C: RayCaster> Bake<'_, C> {
         self.fill(&mut writer, progress, save)?;
         let done = writer.next_cell() == cells.end;
         if done {
-            std::fs::rename(part, path).map_err(failed)?;
+            replace(path, writer.bytes()).and_then(|()| std::fs::remove_file(&part)).map_err(failed)?;
         }
         Ok(done)
+    }
+
+    /// What tells this bake from another.
+    fn identity(&self) -> u64 {
+        let how = format!("{:?} {:?}", self.options, self.budget);
+        checksum(how.as_bytes()) ^ self.triangles.fingerprint()
     }
 
     /// Bakes what a writer lacks, a batch at a time.
@@ -226,4 +241,21 @@ impl<C: RayCaster> Bake<'_, C> {
     fn batch(&self, cells: Range<u32>) -> impl Iterator<Item = Result<BakedCell, VisibilityError>> {
         cells.map(|cell| self.cell(cell))
     }
+}
+
+/// The path with something added to its name.
+fn beside(path: &Path, end: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(end);
+    name.into()
+}
+
+/// Puts a file in place, whole or not at all.
+fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let new = beside(path, ".new");
+    let mut file = File::create(&new)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    std::fs::rename(&new, path)?;
+    sync_folder(folder_of(path))
 }

@@ -30,8 +30,7 @@ pub(crate) fn encode(set: &Pvs) -> Vec<u8> {
     out.bytes
 }
 
-/// The set of `len` numbers below `bound` that the bytes hold; `None` when they hold none such. Never takes more memory than a
-/// few times the bytes.
+/// The set of `len` numbers below `bound` that the bytes hold; `None` when they hold none such. A run takes two bits at least, and eight bytes of memory.
 pub(crate) fn decode(bytes: &[u8], len: u32, bound: u32) -> Option<Pvs> {
     let (parameters, bytes) = bytes.split_first_chunk::<2>()?;
     if parameters.iter().any(|&k| k >= 32) {

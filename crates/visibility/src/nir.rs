@@ -25,7 +25,7 @@ pub struct NirOptions {
     pub side: u32,
     /// Triangles by which the corners of a patch may differ before it is divided, as a share of what they see.
     pub threshold: f64,
-    /// Most cubes.
+    /// Most cubes: at least 8, the corners of the cell.
     pub most_cubes: u32,
 }
 
@@ -61,6 +61,9 @@ pub fn nir<B: ItemBuffer>(
     }
     if !(options.threshold >= 0.0 && options.threshold <= 1.0) {
         return refuse("threshold", options.threshold, "0 to 1");
+    }
+    if options.most_cubes < 8 {
+        return refuse("most_cubes", options.most_cubes.into(), "at least 8");
     }
     let mut cubes = Cubes { buffer, side: options.side, seen: HashMap::new(), ids: Vec::new() };
     let mut patches: VecDeque<Patch> = (0..3)
@@ -223,9 +226,11 @@ mod tests {
         let sum: DVec3 = views.iter().map(Camera::forward).sum();
         assert!(sum.length() < 1e-9);
         assert!(views.iter().all(|c| c.width() == 4 && (c.half_extent() - DVec2::ONE).length() < 1e-12));
-        let bad = NirOptions { side: 1, ..NirOptions::default() };
         let mesh = scene();
         let unit = DAabb::new(DVec3::ZERO, DVec3::ONE);
-        assert!(nir(&unit, &bad, &mut Rays(Bvh8::new(&mesh))).is_err());
+        let default = NirOptions::default();
+        for bad in [NirOptions { side: 1, ..default }, NirOptions { most_cubes: 7, ..default }] {
+            assert!(nir(&unit, &bad, &mut Rays(Bvh8::new(&mesh))).is_err());
+        }
     }
 }

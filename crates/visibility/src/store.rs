@@ -318,7 +318,7 @@ impl Header {
     }
 }
 
-fn checksum(bytes: &[u8]) -> u64 {
+pub(crate) fn checksum(bytes: &[u8]) -> u64 {
     checksum_of([bytes, &[]])
 }
 

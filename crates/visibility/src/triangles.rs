@@ -140,9 +140,35 @@ impl<'a> Triangles<'a> {
         })
     }
 
+    /// A number that differs, but for accidents, where any corner, placement or member does.
+    pub(crate) fn fingerprint(&self) -> u64 {
+        // The order of what is mixed counts; lengths keep lists apart.
+        let mut sum = Mix(0);
+        for part in &self.parts {
+            sum.add(part.mesh.origin().to_array().map(f64::to_bits));
+            sum.add(part.placement.unwrap_or_default().to_cols_array().map(f64::to_bits));
+            sum.add([part.mesh.positions().len() as u64, part.mesh.triangles().len() as u64]);
+            part.mesh.positions().iter().for_each(|p| sum.add(p.to_array().map(|x| x.to_bits().into())));
+            part.mesh.triangles().iter().for_each(|t| sum.add(t.map(u64::from)));
+        }
+        sum.add([self.members.into(), self.parts.len() as u64]);
+        self.member_of.iter().for_each(|&m| sum.add([m.into()]));
+        sum.0
+    }
+
     /// World box of all triangles.
     pub fn bounds(&self) -> DAabb {
         self.parts.iter().map(Part::bounds).fold(DAabb::EMPTY, DAabb::union)
+    }
+}
+
+/// A sum of words that depends on their order.
+struct Mix(u64);
+
+impl Mix {
+    fn add<const N: usize>(&mut self, words: [u64; N]) {
+        let step = |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+        self.0 = words.into_iter().fold(self.0, step);
     }
 }
 
@@ -163,11 +189,8 @@ impl Part<'_> {
         let bounds = self.mesh.world_bounds();
         match &self.placement {
             None => bounds,
-            // Corners are rounded on their way.
-            Some(placement) => {
-                let b = bounds.transformed(placement);
-                b.inflated(1e-14 * b.min.abs().max(b.max.abs()).max_element())
-            }
+            // Corners are rounded on their way, but all alike: rounding keeps order.
+            Some(placement) => bounds.transformed(placement),
         }
     }
 }
@@ -205,6 +228,26 @@ mod tests {
         assert_eq!(triangles.near(&far).map(|t| t.0).collect::<Vec<_>>(), [0, 1]);
         let grouped = triangles.by_instance();
         assert_eq!((grouped.members(), grouped.member(1), grouped.member(3)), (3, 0, 2));
+    }
+
+    #[test]
+    fn fingerprints_tell_scenes_apart() {
+        let mesh = triangle();
+        let of_mesh = Triangles::of_mesh(&mesh);
+        let moved = mesh.clone().with_origin(DVec3::X).unwrap();
+        let turned = TriangleMesh::new(mesh.positions().to_vec(), vec![[1, 2, 0], [0, 2, 3]]).unwrap();
+        let others = [
+            Triangles::of_mesh(&moved),
+            Triangles::of_mesh(&turned),
+            of_mesh.clone().by_instance(),
+            of_mesh.clone().with_members(vec![1, 0], 2).unwrap(),
+        ];
+        let mut prints: Vec<u64> = others.iter().map(Triangles::fingerprint).collect();
+        prints.push(of_mesh.fingerprint());
+        assert_eq!(Triangles::of_mesh(&mesh).fingerprint(), of_mesh.fingerprint());
+        prints.sort_unstable();
+        prints.dedup();
+        assert_eq!(prints.len(), 5);
     }
 
     #[test]

@@ -126,7 +126,7 @@ impl Wave<'_> {
                 let rays = (0..RAYS_PER_UNIT)
                     .filter_map(|_| random::border_ray(space.cell, directions, &mut random));
                 scratch.rays.extend(rays);
-                scratch.out.rays += self.shoot(space, scratch);
+                scratch.out.rays += shoot(space, scratch);
             }
             Unit::Mutation { stream, first } => {
                 let mut random = Random::new(space.options.seed).stream(stream);
@@ -134,22 +134,6 @@ impl Wave<'_> {
             }
             Unit::Revisit { stream, first } => self.revisit(space, stream, first, scratch),
         }
-    }
-
-    /// Traces the rays of the scratch.
-    fn shoot<C: RayCaster>(&self, space: &Space<C>, scratch: &mut Scratch) -> u64 {
-        let Scratch { rays, hits, out, .. } = scratch;
-        let sight =
-            |ray: &Ray, triangle| Sight { triangle, origin: ray.origin(), direction: ray.direction() };
-        space
-            .occluders
-            .batch(space.triangles, rays, hits, |i, triangle| out.see(space, sight(&rays[i], triangle)));
-        for (ray, hit) in rays.iter().zip(hits.iter()) {
-            if let Some(hit) = hit {
-                out.see(space, sight(ray, space.triangles.of_hit(hit)));
-            }
-        }
-        rays.len() as u64
     }
 
     /// Samples borders of known triangles from new viewpoints, as finely as is allowed.
@@ -168,4 +152,19 @@ impl Wave<'_> {
         }
         scratch.group = group;
     }
+}
+
+/// Traces the rays of the scratch.
+fn shoot<C: RayCaster>(space: &Space<C>, scratch: &mut Scratch) -> u64 {
+    let Scratch { rays, hits, out, .. } = scratch;
+    let sight = |ray: &Ray, triangle| Sight { triangle, origin: ray.origin(), direction: ray.direction() };
+    space
+        .occluders
+        .batch(space.triangles, rays, hits, |i, triangle| out.see(space, sight(&rays[i], triangle)));
+    for (ray, hit) in rays.iter().zip(hits.iter()) {
+        if let Some(hit) = hit {
+            out.see(space, sight(ray, space.triangles.of_hit(hit)));
+        }
+    }
+    rays.len() as u64
 }

@@ -80,10 +80,22 @@ fn a_bake_that_was_killed_goes_on_where_it_was() {
         assert!(path.exists() && !part.exists());
         let straight = bake.section(0..18, |_| ControlFlow::Continue(())).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), straight);
-        // What another bake left behind is not taken for this one's.
-        std::fs::write(&part, &straight[..40]).unwrap();
-        assert_eq!(bake.to_file(&path, 0..18, stop_at(100)), Ok(true));
+        // What another bake left behind, with other rays or by another version, is not taken for this one's.
+        let mut other = bake.clone();
+        other.budget = Budget::rays(5000);
+        assert_eq!(other.to_file(&path, 0..18, stop_at(9)), Ok(false));
+        let mut first = None;
+        let done = bake.to_file(&path, 0..18, |c| {
+            first.get_or_insert(c.cell);
+            ControlFlow::Continue(())
+        });
+        assert_eq!((done, first), (Ok(true), Some(0)));
         assert_eq!(std::fs::read(&path).unwrap(), straight);
+        for left in [&straight[..], &straight[..40], &[]] {
+            std::fs::write(&part, left).unwrap();
+            assert_eq!(bake.to_file(&path, 0..18, stop_at(100)), Ok(true));
+            assert_eq!(std::fs::read(&path).unwrap(), straight);
+        }
         let nowhere = folder.join("no such folder").join("x.pvs");
         assert!(matches!(bake.to_file(&nowhere, 0..18, stop_at(100)), Err(VisibilityError::File { .. })));
     });
