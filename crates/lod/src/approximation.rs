@@ -134,24 +134,25 @@ impl ApproximationOptions {
             ParallaxTest::Pixels(px) => (px, "parallax px"),
             ParallaxTest::Corners(angle) => (angle, "parallax angle"),
         };
-        let above = [
-            ("tolerance_px", self.tolerance_px, 0.0),
-            ("growth", self.growth, 1.0),
-            ("excess", self.excess, 1.0),
-            (name, limit, 0.0),
-            ("magnification", self.magnification, 1.0),
-            ("minification", self.minification, 1.0),
+        let positive = ("tolerance_px", self.tolerance_px, f64::MIN_POSITIVE, "above 0 and finite");
+        let factor = |option, value| (option, value, 1.0, "at least 1 and finite");
+        let least = [
+            positive,
+            factor("growth", self.growth),
+            factor("excess", self.excess),
+            // A limit on what turns may be zero.
+            (name, limit, 0.0, "at least 0 and finite"),
+            factor("magnification", self.magnification),
+            factor("minification", self.minification),
         ];
-        for (option, value, least) in above {
-            // Unlike the others, a limit on what turns may be zero.
-            let usable = value.is_finite() && value >= least && (option != "tolerance_px" || value > 0.0);
-            if !usable {
-                return Err(LodError::Option { option, value });
+        for (option, value, least, range) in least {
+            if !(value.is_finite() && value >= least) {
+                return Err(LodError::Option { option, value, range });
             }
         }
         let margin = self.decision.margin;
         if !(0.0..1.0).contains(&margin) {
-            return Err(LodError::Option { option: "margin", value: margin });
+            return Err(LodError::Option { option: "margin", value: margin, range: "0 to below 1" });
         }
         self.impostor.check()
     }

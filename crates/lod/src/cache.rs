@@ -42,11 +42,18 @@ impl LightKey {
     /// [`LodError::Option`] for a direction without length or a tolerance outside [1e-6, π].
     pub fn direction(direction: DVec3, tolerance: f64) -> Result<Self, LodError> {
         if !(1e-6..=std::f64::consts::PI).contains(&tolerance) {
-            return Err(LodError::Option { option: "light tolerance", value: tolerance });
+            return Err(LodError::Option {
+                option: "light tolerance", value: tolerance, range: "1e-6 to π"
+            });
         }
         let d = (direction / direction.abs().max_element()).to_array();
         if d.iter().any(|x| !x.is_finite()) {
-            return Err(LodError::Option { option: "light direction", value: direction.length() });
+            let value = direction.length();
+            return Err(LodError::Option {
+                option: "light direction",
+                value,
+                range: "a finite length above 0",
+            });
         }
         // A cube of cells: no angle exceeds the diagonal of a cell in a plane at distance 1.
         let cells = (2.0 * std::f64::consts::SQRT_2 / tolerance).ceil();

@@ -3,6 +3,8 @@
 use crate::hierarchy::{NONE, Node, VertexHierarchy};
 use crate::observer::{Class, Observer, Tolerance};
 use crate::{LodError, kinetic::Watch};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,6 +18,14 @@ pub struct UpdateStats {
     pub folded: u64,
     /// Triangles whose indices were written: new ones and those with a corner that moved.
     pub written: u64,
+}
+
+/// What an update within a budget goes through; kept, so that later ones allocate nothing.
+#[derive(Clone, Debug, Default)]
+struct Budget {
+    /// Nodes that may be unfolded next, by error.
+    heap: BinaryHeap<(u64, Reverse<u32>)>,
+    wanted: Vec<bool>,
 }
 
 /// One instance's view of a [`VertexHierarchy`]: unfolded where its eye needs it.
@@ -57,6 +67,7 @@ pub struct Cut {
     /// Drawn triangles whose indices the last update changed.
     changed: Vec<u32>,
     stack: Vec<u32>,
+    budget: Budget,
     pub(crate) watch: Watch,
     pub(crate) stats: UpdateStats,
 }
@@ -75,6 +86,7 @@ impl Cut {
             slot: vec![NONE; hierarchy.triangles.len()],
             changed: Vec::new(),
             stack: Vec::new(),
+            budget: Budget::default(),
             watch: Watch::default(),
             stats: UpdateStats::default(),
         }
@@ -133,13 +145,14 @@ impl Cut {
     ) -> f64 {
         self.begin(hierarchy, &Tolerance::uniform(1.0)).expect("a tolerance in range");
         self.watch.forget();
-        let mut heap = std::collections::BinaryHeap::new();
-        let mut wanted = vec![false; hierarchy.nodes.len()];
+        let Budget { mut heap, mut wanted } = std::mem::take(&mut self.budget);
+        wanted.clear();
+        wanted.resize(hierarchy.nodes.len(), false);
         // Errors are not negative, so their bits are in their order.
-        let key = |node: u32| (share(hierarchy, node, observer).to_bits(), std::cmp::Reverse(node));
+        let key = |node: u32| (share(hierarchy, node, observer).to_bits(), Reverse(node));
         heap.push(key(0));
         let (mut count, mut left) = (0, 0.0f64);
-        while let Some((error, std::cmp::Reverse(node))) = heap.pop() {
+        while let Some((error, Reverse(node))) = heap.pop() {
             self.stats.tested += 1;
             let more = hierarchy.home_triangles(node).len();
             if count + more > triangles || f64::from_bits(error) == 0.0 {
@@ -159,6 +172,7 @@ impl Cut {
                 self.fold(hierarchy, node);
             }
         }
+        self.budget = Budget { heap, wanted };
         self.finish(hierarchy);
         left
     }
@@ -203,6 +217,8 @@ impl Cut {
             + (self.proxy.capacity() + self.drawn.capacity() + self.slot.capacity()) * size_of::<u32>()
             + (self.changed.capacity() + self.stack.capacity() + 2 * self.moved.capacity()) * size_of::<u32>()
             + self.indices.capacity() * size_of::<[u32; 3]>()
+            + self.budget.wanted.capacity()
+            + self.budget.heap.capacity() * size_of::<(u64, u32)>()
             + self.watch.bytes()
     }
 
@@ -291,7 +307,7 @@ impl Cut {
     /// Brings the indices up to date: those around the vertices that moved, or all when that is most of them.
     pub(crate) fn finish(&mut self, hierarchy: &VertexHierarchy) {
         // What moved with a larger range has been listed with it.
-        self.moved.sort_unstable_by_key(|&[first, end]| (first, std::cmp::Reverse(end)));
+        self.moved.sort_unstable_by_key(|&[first, end]| (first, Reverse(end)));
         let mut listed = 0;
         self.moved.retain_mut(|[first, end]| {
             *first = listed.max(*first);

@@ -331,15 +331,15 @@ impl ImpostorView {
 
 impl ImpostorOptions {
     pub(crate) fn check(&self) -> Result<(), LodError> {
-        let bad = |option, value: f64| Err(LodError::Option { option, value });
+        let bad = |option, value, range| Err(LodError::Option { option, value, range });
         if !(self.texels_per_px > 0.0 && self.texels_per_px.is_finite()) {
-            return bad("texels_per_px", self.texels_per_px);
+            return bad("texels_per_px", self.texels_per_px, "above 0 and finite");
         }
         if self.gutter == 0 {
-            return bad("gutter", 0.0);
+            return bad("gutter", 0.0, "at least 1");
         }
         if self.max_side == 0 {
-            return bad("max_side", 0.0);
+            return bad("max_side", 0.0, "at least 1");
         }
         Ok(())
     }

@@ -96,12 +96,14 @@ pub enum LodError {
         most: u32,
     },
     /// An option is out of its range.
-    #[error("the option {option} cannot be {value}")]
+    #[error("{option} cannot be {value}; allowed is {range}")]
     Option {
         /// Its name.
         option: &'static str,
         /// Its value.
         value: f64,
+        /// What is allowed.
+        range: &'static str,
     },
 }
 

@@ -81,6 +81,9 @@ pub struct Input<'a> {
     pub(crate) parts: Vec<Part<'a>>,
 }
 
+/// Most bytes of what the attributes are called: their number is a byte in the file.
+pub(crate) const LONGEST_NAME: usize = u8::MAX as usize;
+
 /// One file, array or reader.
 pub(crate) struct Part<'a> {
     /// For messages.
@@ -133,10 +136,10 @@ impl<'a> Input<'a> {
     /// Points that are read once. They are kept in memory or, beyond the memory limit, on disk while their box is not
     /// known.
     ///
-    /// `attributes` names what the attribute bytes mean; it is stored as it is.
+    /// `attributes` names what the attribute bytes mean, in up to 255 bytes; it is stored as it is.
     ///
     /// # Errors
-    /// [`PointsError::Attributes`] for more than 64 bytes a point.
+    /// [`PointsError::Attributes`] for more than 64 bytes a point, [`PointsError::Option`] for a longer name.
     pub fn from_reader(
         grid: Grid,
         attributes: &str,
@@ -145,6 +148,10 @@ impl<'a> Input<'a> {
     ) -> Result<Self, PointsError> {
         let layout = Layout::staged(attribute_bytes);
         layout.check()?;
+        if attributes.len() > LONGEST_NAME {
+            let (value, range) = (attributes.len() as f64, "a name of 255 bytes at most");
+            return Err(PointsError::Option { option: "attributes", value, range });
+        }
         let source = Source::Reader(Box::new(reader));
         let part = Part { name: "reader".into(), source, layout, count: 0, shift: [0; 3], guess: None };
         Ok(Self::of_part(grid, attributes.to_owned(), part))

@@ -279,6 +279,12 @@ fn options_out_of_range_are_refused() {
         Input::from_reader(grid(), "", 65, |_: &mut Batch| Ok(false)),
         Err(PointsError::Attributes { bytes: 65, most: 64 })
     ));
+    let named = |length: usize| {
+        Input::from_reader(grid(), &"é".repeat(length / 2), 1, |_: &mut Batch| Ok(false)).map(|_| ())
+    };
+    assert!(
+        named(254).is_ok() && matches!(named(256), Err(PointsError::Option { option: "attributes", .. }))
+    );
     let missing = build_points(&[], &folder.path("no/folder/a.points"), &BuildOptions::default());
     assert!(matches!(missing, Err(PointsError::Io { .. })));
 }

@@ -2,7 +2,7 @@
 
 use crate::PointsError;
 use std::fs::{File, OpenOptions};
-use std::io::{self, Write};
+use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -152,12 +152,12 @@ fn create(path: &Path) -> io::Result<File> {
 }
 
 fn write(file: &mut File, path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let start = file.stream_position()?;
     match file.write_all(bytes) {
-        // Alignment that was not enough for this disk; nothing was written.
+        // Alignment that was not enough for this disk.
         Err(error) if error.kind() == io::ErrorKind::InvalidInput => {
-            let end = std::io::Seek::stream_position(file)?;
             *file = OpenOptions::new().write(true).open(path)?;
-            std::io::Seek::seek(file, io::SeekFrom::Start(end))?;
+            file.seek(io::SeekFrom::Start(start))?;
             file.write_all(bytes)
         }
         other => other,

@@ -5,6 +5,7 @@
 
 use crate::Grid;
 use crate::frame::{Cell, Frame};
+use crate::input::LONGEST_NAME;
 use crate::node::Node;
 use farsight_geometry::streaming::{FOOTER, Sealed};
 
@@ -38,7 +39,8 @@ pub(crate) struct Head {
 
 /// Index and footer for a payload that ends at `offset`.
 pub(crate) fn tail(head: &Head, nodes: &[Node], counts: &[u32], offset: u64) -> Vec<u8> {
-    let name = &head.attributes.as_bytes()[..head.attributes.len().min(u8::MAX as usize)];
+    let name = head.attributes.as_bytes();
+    debug_assert!(name.len() <= LONGEST_NAME, "inputs check their names");
     let mut out = Vec::with_capacity(HEAD + name.len() + nodes.len() * NODE + counts.len() * 4 + FOOTER);
     out.extend([
         head.frame.bits as u8,
