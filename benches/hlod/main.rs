@@ -3,13 +3,14 @@
 //! ```text
 //! cargo bench --bench hlod                      everything; 20 M triangles where memory is measured
 //! cargo bench --bench hlod -- --quick           small surfaces
-//! cargo bench --bench hlod -- --only build      one part: build, certify, threads, levels, points, memory, path
+//! cargo bench --bench hlod -- --only build      one part: build, resolution, certify, threads, levels, points, memory, path
 //! ```
 //!
 //! With `FARSIGHT_DATA` set, scanned surfaces are built as well.
 
 mod path;
 mod points;
+mod resolution;
 mod shadows;
 
 use farsight_geometry::glam::Vec3;
@@ -35,6 +36,9 @@ fn main() -> Outcome {
     let wanted = |part: &str| only.is_none_or(|o| o == part);
     if wanted("build") {
         rates(quick)?;
+    }
+    if wanted("resolution") {
+        resolution::table(quick)?;
     }
     if wanted("certify") {
         certification(quick)?;

@@ -16,7 +16,8 @@ use std::collections::HashMap;
 use std::error::Error;
 use std::time::Duration;
 
-const FRAMES: u32 = 24;
+/// Views of the path.
+pub const FRAMES: u32 = 24;
 
 /// Pixels that anything may be off.
 const ERROR_PX: f64 = 0.5;
@@ -171,7 +172,8 @@ fn model(name: &str, mesh: &TriangleMesh, store: &Store) -> Outcome {
     Ok(())
 }
 
-fn camera(mesh: &TriangleMesh, frame: u32) -> Result<Camera, Box<dyn Error>> {
+/// A view of the path.
+pub fn camera(mesh: &TriangleMesh, frame: u32) -> Result<Camera, Box<dyn Error>> {
     let bounds = mesh.world_bounds();
     let radius = 0.5 * bounds.diagonal();
     let t = f64::from(frame) / f64::from(FRAMES - 1);

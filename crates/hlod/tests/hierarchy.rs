@@ -66,7 +66,7 @@ fn surface(store: &Store, nodes: &[NodeId], mesh: Mesh) -> (TriangleMesh, f64) {
     (joined(&meshes), claim)
 }
 
-fn check_levels(name: &str, mesh: &TriangleMesh, store: &Store, which: Mesh) {
+fn check_levels(name: &str, mesh: &TriangleMesh, store: &Store, which: Mesh, resolution: f64) {
     let tree = store.tree();
     let deepest = tree.ids().map(|n| tree.level(n)).max().unwrap_or(0);
     let size = mesh.world_bounds().diagonal();
@@ -77,7 +77,7 @@ fn check_levels(name: &str, mesh: &TriangleMesh, store: &Store, which: Mesh) {
         let d = hausdorff(mesh, &whole, &measure);
         assert!(d.lower <= claim, "{name} level {l} {which:?}: {d:?} above {claim}");
         for &n in nodes.iter().filter(|&&n| !tree.is_leaf(n)) {
-            assert!(tree.error(n, which).value <= tree.edge(n) / 256.0, "{name} {n:?}");
+            assert!(tree.error(n, which).value <= tree.edge(n) / resolution, "{name} {n:?}");
         }
     }
 }
@@ -87,7 +87,7 @@ fn every_level_is_as_near_as_its_nodes_say() {
     for tier in [Tier::Guaranteed, Tier::Verified] {
         let options = shape_only().with_most_triangles(500).with_tier(tier);
         for (name, mesh) in common::meshes() {
-            check_levels(name, &mesh, &built(name, &mesh, &options), Mesh::Full);
+            check_levels(name, &mesh, &built(name, &mesh, &options), Mesh::Full, 256.0);
         }
     }
 }
@@ -160,10 +160,14 @@ fn shapes_cost_less_than_looks_and_both_hold() {
     let colours =
         ball.positions().iter().map(|p| if p.x > 0.1 { [200, 30, 30, 255] } else { [20, 90, 200, 255] });
     let mesh = ball.clone().with_colours(colours.collect()).unwrap().with_normals(normals).unwrap();
-    let store = built("looks", &mesh, &BuildOptions::default().with_most_triangles(1000));
+    let options = BuildOptions::default().with_most_triangles(1000);
+    let usual = built("usual", &mesh, &options);
+    assert_eq!(usual.tree().resolution(), 128.0);
+    check_levels("usual", &mesh, &usual, Mesh::Full, 128.0);
+    let store = built("looks", &mesh, &options.with_resolution(256.0));
     let tree = store.tree();
     for which in [Mesh::Full, Mesh::Shape] {
-        check_levels("looks", &mesh, &store, which);
+        check_levels("looks", &mesh, &store, which, 256.0);
     }
     for n in tree.ids() {
         assert!(tree.triangles(n, Mesh::Shape) <= tree.triangles(n, Mesh::Full));

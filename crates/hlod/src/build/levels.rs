@@ -110,7 +110,7 @@ impl<'a> Levels<'a> {
         [
             u64::from(self.leaf_hash.clone().finalize()) << 8 | tier,
             self.length,
-            options.resolution.to_bits(),
+            self.plan.resolution.to_bits(),
             self.written.len() as u64,
         ]
     }
