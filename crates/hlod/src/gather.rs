@@ -3,7 +3,9 @@
 //! What was equal on both sides of a wall is one after merging equal vertices. Elsewhere (where one cell is a leaf and its neighbour is simplified, or a rim
 //! could not become what the other side made of it) there is a crack, no wider than the errors of both sides together. It is closed by
 //! moving vertices onto each other, or into sides of the other rim, which are divided there (the pairs of vertices, and of vertex and edge, of
-//! Borodin, Gumhold, Guthe & Klein 2003). The way that is moved adds to the error.
+//! Borodin, Gumhold, Guthe & Klein 2003). The way that is moved adds to the error. What is left is [filled](fill).
+
+mod fill;
 
 use crate::appearance::Look;
 use crate::cell::{Cell, Lattice};
@@ -47,11 +49,14 @@ pub(crate) fn gather(cell: &Cell, levels: u32, parts: Vec<Part>, farthest: f64) 
     let mut join = Join::new(parts, farthest);
     let parts_per_edge = 1 << levels;
     let step = cell.edge() / parts_per_edge;
-    for axis in 0..3 {
-        for i in 1..parts_per_edge {
-            join.close(axis, cell.corner()[axis] + i * step);
-        }
-    }
+    let walls =
+        || (0..3).flat_map(|axis| (1..parts_per_edge).map(move |i| (axis, cell.corner()[axis] + i * step)));
+    walls().for_each(|(axis, wall)| join.close(axis, wall));
+    // Sides may lie on two walls.
+    let mut left: Vec<Open> = walls().flat_map(|(axis, wall)| join.open_sides(axis, wall)).collect();
+    left.sort_unstable_by_key(|o| (o.face, o.side));
+    left.dedup_by_key(|o| (o.face, o.side));
+    join.fill(&left);
     join.finish()
 }
 
@@ -344,6 +349,27 @@ mod tests {
         assert_eq!((open_on_wall(&g.piece), g.joined), (0, 4));
         assert!(g.error > 8.0 && g.error < 16.0, "{}", g.error);
         assert_eq!(g.piece.triangles.len(), 8 + 4 + 2);
+    }
+
+    #[test]
+    fn cracks_that_no_vertex_may_close_are_filled() {
+        let crack = |farthest| {
+            let a = strip(M - 999, &[(0, 0), (1000, 0), (2000, 0)]);
+            let b = strip(M + 999, &[(0, 0), (900, 90), (2000, 0)]);
+            let parts = vec![Part { piece: a, error: 4.0 }, Part { piece: b, error: 5.0 }];
+            gather(&Cell::ROOT, 1, parts, farthest)
+        };
+        let g = crack(99.0);
+        // Wider than both errors explain, so that nothing moves; two triangles between the rims, within 90 of the surface.
+        assert_eq!((open_on_wall(&g.piece), g.joined, g.piece.triangles.len()), (0, 0, 8 + 2));
+        assert!(g.error > 50.0 && g.error <= 95.0, "{}", g.error);
+        let mut sides: Vec<(u32, u32)> =
+            g.piece.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
+        sides.sort_unstable();
+        assert!(sides.windows(2).all(|s| s[0] != s[1]), "all triangles face the same way");
+        let outer = sides.iter().filter(|&&(a, b)| sides.binary_search(&(b, a)).is_err()).count();
+        assert_eq!(outer, 8, "only the outer sides of both strips are open");
+        assert_eq!(open_on_wall(&crack(40.0).piece), 4);
     }
 
     #[test]

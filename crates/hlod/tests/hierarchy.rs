@@ -128,6 +128,7 @@ fn closed_surfaces_have_closed_roots() {
             assert!(tree.ids().len() > 9);
             let root = decoded(&store, NodeId(0), Mesh::Full);
             let open = root.report().border_edges;
+            println!("{name} {tier:?}: {open} open sides of {} triangles", root.triangles().len());
             // A crack may stay here and there rather than move a triangle too far.
             assert!(
                 open * 50 <= 3 * root.triangles().len(),
