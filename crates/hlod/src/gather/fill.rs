@@ -63,7 +63,7 @@ impl Join {
             let count = if rest.len() == 3 { 1 } else { rest.len() };
             let ears = (0..count).map(|i| {
                 let ear = [0, 1, 2].map(|k| rest[(i + k) % rest.len()]);
-                (ear, self.from_sides(crack, ear), i)
+                (ear, self.reach_from_sides(crack, ear), i)
             });
             let (ear, distance, i) = ears.min_by(|a, b| a.1.total_cmp(&b.1))?;
             if distance > self.farthest {
@@ -76,7 +76,7 @@ impl Join {
     }
 
     /// Distance from a crack's sides that no point of a triangle exceeds.
-    fn from_sides(&self, crack: &[Side], corners: [usize; 3]) -> f64 {
+    fn reach_from_sides(&self, crack: &[Side], corners: [usize; 3]) -> f64 {
         let at = |v: u32| self.at[v as usize].map(f64::from);
         let corners = corners.map(|i| at(crack[i].from));
         let of_side = |s: &Side| {
