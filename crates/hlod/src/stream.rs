@@ -193,12 +193,28 @@ impl Stream {
             let family = tree.parent(wanted).into_iter().flat_map(|p| tree.children(p));
             family.filter(|n| meshes[n.0 as usize].is_some()).for_each(|n| lru.touch(n.0));
         }
+        // Bytes of what may be needed soon and is there already.
+        let mut kept = 0;
         if let Some(ahead) = &self.options.prefetch {
-            prefetch(tree, camera, &options, ahead, |n| meshes[n.0 as usize].is_some(), &mut self.ahead);
+            let is_there = |n: NodeId| {
+                let there = meshes[n.0 as usize].is_some();
+                kept += if there && !lru.was_touched(n.0) { tree.memory_bytes(n, options.mesh) } else { 0 };
+                there
+            };
+            prefetch(tree, camera, &options, ahead, is_there, &mut self.ahead);
         }
-        let wanted = selection.wanted.iter().chain(&self.ahead).copied();
-        let waiting = |n: &NodeId| self.arrived.iter().any(|a| a.0 == *n);
-        self.loader.request(wanted.filter(|n| !broken[n.0 as usize] && !waiting(n)), self.options.requests);
+        // What there would be no room for is not read, only to be thrown away and asked for again.
+        let (mut room, urgent, arrived) = (lru.room(), selection.wanted.len(), &self.arrived);
+        let asked = |&(i, n): &(usize, NodeId)| {
+            // What comes early does not take the place of what else may be needed.
+            let bytes = tree.memory_bytes(n, options.mesh) + if i < urgent { 0 } else { kept };
+            let fits = bytes <= room;
+            let waiting = arrived.iter().any(|a| a.0 == n);
+            room -= if fits { tree.memory_bytes(n, options.mesh) } else { 0 };
+            fits && !waiting && !broken[n.0 as usize]
+        };
+        let nodes = selection.wanted.iter().chain(&self.ahead).copied().enumerate();
+        self.loader.request(nodes.filter(asked).map(|(_, n)| n), self.options.requests);
         Frame { selection, came: &self.came, went: &self.went, meshes }
     }
 

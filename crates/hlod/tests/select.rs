@@ -326,4 +326,16 @@ fn frames_never_wait_and_end_with_what_was_asked_for() {
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
     assert!(stream.frame(&camera, &view).selection.geometric.unwrap().value > 0.4);
+    // Nothing is read over and over that there is no room for, neither what is needed nor what may be.
+    let ahead = small.with_memory_bytes(2 * last.bytes).with_prefetch(PrefetchOptions::within(9.0));
+    for mut stream in [stream, Stream::new(self::store(), Mesh::Full, ahead).unwrap()] {
+        let (mut quiet, mut frames) = (0, 0);
+        while quiet < 20 {
+            let came = !stream.frame(&camera, &view).came.is_empty();
+            quiet = if came || !stream.is_idle() { 0 } else { quiet + 1 };
+            frames += 1;
+            assert!(frames < 5000);
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+    }
 }

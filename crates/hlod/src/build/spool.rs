@@ -106,9 +106,8 @@ impl Spooler {
     }
 
     pub(super) fn finish(self) -> Result<Spool, HlodError> {
-        let file = self.writer.into_inner().map_err(|e| HlodError::io(&self.path)(e.into_error()))?;
-        let Self { path, bounds, attributes, triangles, area, .. } =
-            Self { writer: BufWriter::new(file.try_clone().map_err(HlodError::io(&self.path))?), ..self };
+        let Self { writer, path, bounds, attributes, triangles, area, .. } = self;
+        let file = writer.into_inner().map_err(|e| HlodError::io(&path)(e.into_error()))?;
         Ok(Spool { file, path, bounds, attributes, triangles, area })
     }
 }
