@@ -309,6 +309,12 @@ impl<'a> Work<'a> {
                     reach_sq[f as usize] = reach.max(c.reach_sq);
                     taken.iter().for_each(|&t| claims.add(t, f));
                 }
+                // What a face covers is covered even where it lies off the original itself, if it stays.
+                None if self.flood.any_side => {
+                    reach_sq[f as usize] = reach;
+                    taken.iter().for_each(|&t| claims.add(t, f));
+                    self.bad_faces.push(f);
+                }
                 None => {
                     straddling.truncate(before);
                     taken.iter().for_each(|&t| covered[t as usize] = false);
