@@ -27,6 +27,26 @@ pub(crate) struct Cover {
     pub reach_sq: f64,
 }
 
+/// What has a facet.
+pub(crate) trait AsFacet {
+    fn facet(&self) -> &Facet;
+}
+
+impl AsFacet for &Facet {
+    #[inline(always)]
+    fn facet(&self) -> &Facet {
+        self
+    }
+}
+
+/// With a number.
+impl AsFacet for (u32, Facet) {
+    #[inline(always)]
+    fn facet(&self) -> &Facet {
+        &self.1
+    }
+}
+
 /// A piece: how many corners it has, how often it was halved, and the facet to try first.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
@@ -64,7 +84,7 @@ impl Coverer {
     pub(crate) fn cover(
         &mut self,
         triangle: [DVec3; 3],
-        facets: &[&Facet],
+        facets: &[impl AsFacet],
         tolerance_sq: f64,
     ) -> Option<Cover> {
         self.corners.clear();
@@ -91,7 +111,7 @@ impl Coverer {
                     break;
                 }
                 if near > best.0
-                    && let Some(wall) = self.wall(start, k, facets[k])
+                    && let Some(wall) = self.wall(start, k, facets[k].facet())
                 {
                     best = (near, k, wall);
                 }
@@ -111,7 +131,7 @@ impl Coverer {
             self.values.clear();
             let (halvings, first) = if best.0 > 0 {
                 let (_, k, wall) = best;
-                self.values.extend(points.map(|p| facets[k].coordinate(wall, p)));
+                self.values.extend(points.map(|p| facets[k].facet().coordinate(wall, p)));
                 (halvings, [k + 1, k])
             } else {
                 if halvings >= MAX_HALVINGS {
@@ -136,7 +156,7 @@ impl Coverer {
 
     /// How many corners of the last piece are within the tolerance of a facet, and the largest squared distance of those.
     #[inline(always)]
-    fn near(&mut self, start: usize, k: usize, facets: &[&Facet], tolerance_sq: f64) -> (usize, f64) {
+    fn near(&mut self, start: usize, k: usize, facets: &[impl AsFacet], tolerance_sq: f64) -> (usize, f64) {
         let bit = 1 << k;
         let (mut near, mut reach_sq) = (0, 0.0f64);
         for &c in &self.outlines[start..] {
@@ -144,7 +164,7 @@ impl Coverer {
             let distance_sq = &mut self.distances_sq[c as usize * facets.len() + k];
             if corner.known & bit == 0 {
                 corner.known |= bit;
-                *distance_sq = facets[k].distance_sq_to(corner.point);
+                *distance_sq = facets[k].facet().distance_sq_within(corner.point, tolerance_sq);
                 corner.near |= if *distance_sq <= tolerance_sq { bit } else { 0 };
             }
             if corner.near & bit != 0 {
