@@ -85,16 +85,6 @@ pub(crate) struct Bad {
     pub triangles: Vec<u32>,
 }
 
-/// What has no certificate, and what of the other surface lies around it; nothing where the original has borders, since what is
-/// nearest may then be across a crack.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Failed {
-    pub faces: Vec<u32>,
-    pub triangles_around: Vec<u32>,
-    pub triangles: Vec<u32>,
-    pub faces_around: Vec<u32>,
-}
-
 /// Certifies what can be, by distance alone: faces may have turned over. Takes nothing back.
 pub(crate) fn certify_some(
     original: &Original,
@@ -111,39 +101,79 @@ pub(crate) fn certify_some(
     (work.certified, counts, Bad { faces: work.bad_faces, triangles: work.bad_triangles })
 }
 
-impl Bad {
-    pub(crate) fn is_empty(&self) -> bool {
-        self.faces.is_empty() && self.triangles.is_empty()
+/// Which of some faces have no certificate within a wider tolerance either, by distance alone; and how far the others are.
+pub(crate) fn beyond(
+    original: &Original,
+    state: &CertifiedSurface,
+    faces: &[u32],
+    tolerance_sq: f64,
+) -> (Vec<u32>, f64) {
+    let mut flood = Flood::new(original);
+    flood.any_side = true;
+    let mut reach_sq = 0.0f64;
+    let mut is_beyond = |&f: &u32| {
+        let certified = Facet::new(state.surface.corners(f)).and_then(|facet| {
+            flood.certify(original, &facet, state.seeds[f as usize], &[f], tolerance_sq, |_, _| {})
+        });
+        reach_sq = reach_sq.max(certified.map_or(0.0, |c| c.reach_sq));
+        certified.is_none()
+    };
+    let left = faces.iter().copied().filter(|f| is_beyond(f)).collect();
+    (left, reach_sq.sqrt())
+}
+
+/// A surface and what became of it, by what lies where.
+pub(crate) struct Surrounded<'a> {
+    pub original: &'a Original,
+    pub surface: &'a Complex,
+    pub log: &'a Log,
+}
+
+impl Surrounded<'_> {
+    /// Original triangles around some faces.
+    pub(crate) fn triangles_around(&self, faces: &[u32]) -> Vec<u32> {
+        let marked = self.around(faces.iter().flat_map(|&f| self.surface.faces[f as usize]));
+        let near = |v: &u32| marked[self.log.representative(*v) as usize];
+        let all = 0..self.original.triangles.len() as u32;
+        all.filter(|&t| self.original.triangles[t as usize].iter().any(near)).collect()
     }
 
-    pub(crate) fn with_surroundings(self, original: &Original, surface: &Complex, log: &Log) -> Failed {
-        let Self { faces, triangles } = self;
-        // Vertices around given ones, over the faces that they share.
-        let around = |vertices: Vec<u32>| {
-            let mut marked = vec![false; original.points.len()];
-            for f in vertices.into_iter().flat_map(|v| surface.faces_at(v)) {
-                surface.faces[f as usize].iter().for_each(|&v| marked[v as usize] = true);
-            }
-            marked
-        };
-        let mut failed = Failed::default();
-        if original.neighbours.iter().flatten().any(|&n| n == NONE) {
-            return Failed { faces, triangles, ..failed };
+    /// Faces around some original triangles.
+    pub(crate) fn faces_around(&self, triangles: &[u32]) -> Vec<u32> {
+        let corners = triangles.iter().flat_map(|&t| self.original.triangles[t as usize]);
+        let marked = self.around(corners.map(|v| self.log.representative(v)));
+        let near = |f: &u32| self.surface.faces[*f as usize].iter().any(|&v| marked[v as usize]);
+        self.surface.live_faces().filter(near).collect()
+    }
+
+    /// Marks the vertices around given ones, over the faces that they share.
+    fn around(&self, vertices: impl Iterator<Item = u32>) -> Vec<bool> {
+        let mut marked = vec![false; self.original.points.len()];
+        for f in vertices.flat_map(|v| self.surface.faces_at(v)) {
+            self.surface.faces[f as usize].iter().for_each(|&v| marked[v as usize] = true);
         }
-        if !faces.is_empty() {
-            let marked = around(faces.iter().flat_map(|&f| surface.faces[f as usize]).collect());
-            let near = |v: &u32| marked[log.representative(*v) as usize];
-            let all = 0..original.triangles.len() as u32;
-            failed.triangles_around =
-                all.filter(|&t| original.triangles[t as usize].iter().any(near)).collect();
+        marked
+    }
+}
+
+/// Facets of faces that were asked for not long ago: neighbouring triangles need the same.
+struct Recent(Vec<Option<(u32, Facet)>>);
+
+impl Recent {
+    /// Faces on the curve within which each has a place of its own.
+    const COUNT: usize = 512;
+
+    fn new() -> Self {
+        Self(vec![None; Self::COUNT])
+    }
+
+    /// The facet of a face; `None` where it is too thin for one.
+    fn facet(&mut self, face: u32, surface: &Complex) -> Option<&(u32, Facet)> {
+        let slot = &mut self.0[face as usize % Self::COUNT];
+        if slot.as_ref().is_none_or(|s| s.0 != face) {
+            *slot = Facet::new(surface.corners(face)).map(|facet| (face, facet));
         }
-        if !triangles.is_empty() {
-            let corners = triangles.iter().flat_map(|&t| original.triangles[t as usize]);
-            let marked = around(corners.map(|v| log.representative(v)).collect());
-            let near = |f: &u32| surface.faces[*f as usize].iter().any(|&v| marked[v as usize]);
-            failed.faces_around = surface.live_faces().filter(near).collect();
-        }
-        Failed { faces, triangles, ..failed }
+        slot.as_ref()
     }
 }
 
@@ -156,6 +186,11 @@ struct Work<'a> {
     covered: Vec<bool>,
     /// Triangles over a facet that does not cover them alone.
     straddling: Vec<(u32, u32)>,
+    /// Corners of bad faces that will be taken back: what lies around them waits until that is done.
+    doomed: Marks,
+    recent: Recent,
+    /// Those that the triangle at hand is to be covered by.
+    facets: Vec<(u32, Facet)>,
     certified: CertifiedSurface,
     tolerance_sq: f64,
     bad_faces: Vec<u32>,
@@ -181,6 +216,9 @@ impl<'a> Work<'a> {
             coverer: Coverer::default(),
             covered: vec![false; count],
             straddling: Vec::new(),
+            doomed: Marks::new(original.points.len()),
+            recent: Recent::new(),
+            facets: Vec::new(),
             certified: CertifiedSurface {
                 surface,
                 claims: Claims::new(count),
@@ -200,6 +238,12 @@ impl<'a> Work<'a> {
     /// Certifies faces, and the triangles that are not covered.
     fn certify(&mut self, faces: &[u32]) {
         self.flood_faces(faces);
+        self.doomed.clear();
+        if !self.flood.any_side {
+            for &f in &self.bad_faces {
+                self.certified.surface.faces[f as usize].iter().for_each(|&v| _ = self.doomed.set(v));
+            }
+        }
         self.cover(0..self.original.triangles.len() as u32);
     }
 
@@ -309,6 +353,12 @@ impl<'a> Work<'a> {
                     reach_sq[f as usize] = reach.max(c.reach_sq);
                     taken.iter().for_each(|&t| claims.add(t, f));
                 }
+                // What a face covers is covered even where it lies off the original itself, if it stays.
+                None if self.flood.any_side => {
+                    reach_sq[f as usize] = reach;
+                    taken.iter().for_each(|&t| claims.add(t, f));
+                    self.bad_faces.push(f);
+                }
                 None => {
                     straddling.truncate(before);
                     taken.iter().for_each(|&t| covered[t as usize] = false);
@@ -320,6 +370,7 @@ impl<'a> Work<'a> {
 
     /// Forward certificates of those of some triangles, in order, that have none.
     fn cover(&mut self, triangles: impl Iterator<Item = u32>) {
+        self.recent = Recent::new();
         let mut straddling = std::mem::take(&mut self.straddling);
         straddling.sort_unstable();
         let mut at = 0;
@@ -335,9 +386,12 @@ impl<'a> Work<'a> {
             if self.covered[t as usize] {
                 continue;
             }
+            let corners = self.original.triangles[t as usize].map(|v| self.log.representative(v));
+            if corners.iter().any(|&v| self.doomed.has(v)) {
+                continue;
+            }
             candidates.clear();
             candidates.extend(straddling[first..at].iter().map(|s| s.1));
-            let corners = self.original.triangles[t as usize].map(|v| self.log.representative(v));
             if self.try_cover(t, &candidates) {
                 continue;
             }
@@ -355,17 +409,17 @@ impl<'a> Work<'a> {
     }
 
     fn try_cover(&mut self, t: u32, candidates: &[u32]) -> bool {
-        let facets: Vec<(u32, Facet)> = candidates
-            .iter()
-            .filter_map(|&f| Facet::new(self.certified.surface.corners(f)).map(|facet| (f, facet)))
-            .take(64)
-            .collect();
-        let borrowed: Vec<&Facet> = facets.iter().map(|f| &f.1).collect();
-        let Some(cover) = self.coverer.cover(self.original.corners(t), &borrowed, self.tolerance_sq) else {
+        self.facets.clear();
+        for &f in candidates {
+            self.facets.extend(self.recent.facet(f, &self.certified.surface).cloned());
+        }
+        self.facets.truncate(64);
+        let corners = self.original.corners(t);
+        let Some(cover) = self.coverer.cover(corners, &self.facets, self.tolerance_sq) else {
             return false;
         };
         self.covered[t as usize] = true;
-        for (i, (f, _)) in facets.iter().enumerate() {
+        for (i, (f, _)) in self.facets.iter().enumerate() {
             if cover.facets & 1 << i != 0 {
                 self.certified.claims.add(t, *f);
                 let reach = &mut self.certified.reach_sq[*f as usize];

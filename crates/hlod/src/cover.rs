@@ -27,6 +27,26 @@ pub(crate) struct Cover {
     pub reach_sq: f64,
 }
 
+/// What has a facet.
+pub(crate) trait AsFacet {
+    fn facet(&self) -> &Facet;
+}
+
+impl AsFacet for &Facet {
+    #[inline(always)]
+    fn facet(&self) -> &Facet {
+        self
+    }
+}
+
+/// With a number.
+impl AsFacet for (u32, Facet) {
+    #[inline(always)]
+    fn facet(&self) -> &Facet {
+        &self.1
+    }
+}
+
 /// A piece: how many corners it has, how often it was halved, and the facet to try first.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
@@ -35,13 +55,25 @@ struct Piece {
     first: usize,
 }
 
+/// A corner of pieces, and which facets (by bit) its distance is known to and within the tolerance of. Neighbouring pieces share corners, so
+/// that each distance is found once.
+#[derive(Clone, Copy, Debug)]
+struct Corner {
+    point: DVec3,
+    known: u64,
+    near: u64,
+}
+
 /// Covers triangles; keeps its memory.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Coverer {
+    corners: Vec<Corner>,
+    /// Squared distances of each corner to all facets, as far as they are known.
+    distances_sq: Vec<f64>,
     /// Corners of the pieces, the last piece's at the end.
-    corners: Vec<DVec3>,
+    outlines: Vec<u32>,
     pieces: Vec<Piece>,
-    piece: Vec<DVec3>,
+    piece: Vec<u32>,
     values: Vec<f64>,
     /// Pieces looked at since the beginning.
     pub count: u64,
@@ -52,127 +84,160 @@ impl Coverer {
     pub(crate) fn cover(
         &mut self,
         triangle: [DVec3; 3],
-        facets: &[&Facet],
+        facets: &[impl AsFacet],
         tolerance_sq: f64,
     ) -> Option<Cover> {
         self.corners.clear();
-        self.corners.extend(triangle);
+        self.distances_sq.clear();
+        triangle.into_iter().for_each(|p| self.add_corner(p, facets.len()));
+        self.outlines.clear();
+        self.outlines.extend([0, 1, 2]);
         self.pieces.clear();
         self.pieces.push(Piece { len: 3, halvings: 0, first: 0 });
         let mut cover = Cover { facets: 0, reach_sq: 0.0 };
         let mut budget = MAX_PIECES;
         while let Some(&Piece { len, halvings, first }) = self.pieces.last() {
             self.count += 1;
-            let corners = &self.corners[self.corners.len() - len..];
-            let all = (1u32 << len) - 1;
-            let mut near_any = 0;
+            let start = self.outlines.len() - len;
             let mut done = false;
             // The best facet to cut along: how many corners it has, and the wall.
-            let mut best = (0, 0, None);
-            for k in 0..facets.len() {
-                let k = if first + k >= facets.len() { first + k - facets.len() } else { first + k };
-                let (near, reach_sq, wall) = try_facet(corners, facets[k], tolerance_sq);
-                if near == all {
+            let mut best = (0, 0, 0);
+            for k in (first..facets.len()).chain(0..first.min(facets.len())) {
+                let (near, reach_sq) = self.near(start, k, facets, tolerance_sq);
+                if near == len {
                     cover.facets |= 1 << k;
                     cover.reach_sq = cover.reach_sq.max(reach_sq);
                     done = true;
                     break;
                 }
-                near_any |= near;
-                if wall.is_some() && near.count_ones() > best.0 {
-                    best = (near.count_ones(), k, wall);
+                if near > best.0
+                    && let Some(wall) = self.wall(start, k, facets[k].facet())
+                {
+                    best = (near, k, wall);
                 }
             }
             if done {
                 self.pieces.pop();
-                self.corners.truncate(self.corners.len() - len);
+                self.outlines.truncate(start);
                 continue;
             }
             // A corner far from all facets cannot be helped.
-            if near_any != all || budget == 0 || len + 2 > MAX_CORNERS {
+            let lost = self.outlines[start..].iter().any(|&c| self.corners[c as usize].near == 0);
+            if lost || budget == 0 || len + 2 > MAX_CORNERS {
                 return None;
             }
             budget -= 1;
-            if let (_, k, Some(wall)) = best {
-                self.split(|p| facets[k].coordinate(wall, p), halvings, [k + 1, k])?;
+            let points = self.outlines[start..].iter().map(|&c| self.corners[c as usize].point);
+            self.values.clear();
+            let (halvings, first) = if best.0 > 0 {
+                let (_, k, wall) = best;
+                self.values.extend(points.map(|p| facets[k].facet().coordinate(wall, p)));
+                (halvings, [k + 1, k])
             } else {
                 if halvings >= MAX_HALVINGS {
                     return None;
                 }
-                let (i, j) = farthest_pair(corners);
-                let (middle, along) = ((corners[i] + corners[j]) * 0.5, corners[j] - corners[i]);
-                self.split(|p| (p - middle).dot(along), halvings + 1, [first; 2])?;
-            }
+                let mut outline = [DVec3::ZERO; MAX_CORNERS];
+                outline.iter_mut().zip(points.clone()).for_each(|(o, p)| *o = p);
+                let (i, j) = farthest_pair(&outline[..len]);
+                let (middle, along) = ((outline[i] + outline[j]) * 0.5, outline[j] - outline[i]);
+                self.values.extend(points.map(|p| (p - middle).dot(along)));
+                (halvings + 1, [first; 2])
+            };
+            self.split(halvings, first, facets.len())?;
         }
         Some(cover)
     }
 
-    /// Cuts the last piece in two; the part where `value` is positive comes last. `None` when rounding has bent the piece so that
-    /// it is crossed more than twice, or not at all.
-    fn split(&mut self, value: impl Fn(DVec3) -> f64, halvings: u8, first: [usize; 2]) -> Option<()> {
-        let len = self.pieces.pop()?.len;
-        let start = self.corners.len() - len;
-        self.piece.clear();
-        self.piece.extend_from_slice(&self.corners[start..]);
-        self.values.clear();
-        self.values.extend(self.piece.iter().map(|&p| value(p)));
-        self.corners.truncate(start);
-        let mut crossings = 0;
-        for (sign, first) in [(-1.0, first[0]), (1.0, first[1])] {
-            let from = self.corners.len();
-            for i in 0..len {
-                let j = if i + 1 == len { 0 } else { i + 1 };
-                let (a, b) = (self.values[i] * sign, self.values[j] * sign);
-                if a >= 0.0 {
-                    self.corners.push(self.piece[i]);
-                }
-                if (a > 0.0 && b < 0.0) || (a < 0.0 && b > 0.0) {
-                    crossings += 1;
-                    // The same arithmetic on both sides of the cut.
-                    let (a, b) = (self.values[i], self.values[j]);
-                    self.corners.push(self.piece[i] + (self.piece[j] - self.piece[i]) * (a / (a - b)));
-                }
-            }
-            self.pieces.push(Piece { len: self.corners.len() - from, halvings, first });
-        }
-        (crossings > 0 && crossings <= 4).then_some(())
+    fn add_corner(&mut self, point: DVec3, facets: usize) {
+        self.corners.push(Corner { point, known: 0, near: 0 });
+        self.distances_sq.resize(self.corners.len() * facets, 0.0);
     }
-}
 
-/// Which corners (by bit) are within the tolerance of the facet, the largest squared distance of those, and the wall that the worst
-/// other one is beyond, if there is a corner on this side of it.
-#[inline(always)]
-fn try_facet(corners: &[DVec3], facet: &Facet, tolerance_sq: f64) -> (u32, f64, Option<usize>) {
-    let mut near = 0;
-    let mut reach_sq = 0.0f64;
-    let mut low = [-OFF_WALL; 3];
-    let mut high = [OFF_WALL; 3];
-    for (i, &p) in corners.iter().enumerate() {
-        let s = facet.shadow(p);
-        let d = facet.distance_sq(p, &s);
-        if d <= tolerance_sq {
-            near |= 1 << i;
-            reach_sq = reach_sq.max(d);
-        } else {
-            for side in 0..3 {
-                low[side] = low[side].min(s.l[side]);
+    /// How many corners of the last piece are within the tolerance of a facet, and the largest squared distance of those.
+    #[inline(always)]
+    fn near(&mut self, start: usize, k: usize, facets: &[impl AsFacet], tolerance_sq: f64) -> (usize, f64) {
+        let bit = 1 << k;
+        let (mut near, mut reach_sq) = (0, 0.0f64);
+        for &c in &self.outlines[start..] {
+            let corner = &mut self.corners[c as usize];
+            let distance_sq = &mut self.distances_sq[c as usize * facets.len() + k];
+            if corner.known & bit == 0 {
+                corner.known |= bit;
+                *distance_sq = facets[k].facet().distance_sq_within(corner.point, tolerance_sq);
+                corner.near |= if *distance_sq <= tolerance_sq { bit } else { 0 };
+            }
+            if corner.near & bit != 0 {
+                near += 1;
+                reach_sq = reach_sq.max(*distance_sq);
             }
         }
+        (near, reach_sq)
+    }
+
+    /// The wall of a facet that the last piece's worst corner too far from it is beyond, if there is a corner on this side of it.
+    fn wall(&self, start: usize, k: usize, facet: &Facet) -> Option<usize> {
+        let mut low = [-OFF_WALL; 3];
+        let mut high = [OFF_WALL; 3];
+        for &c in &self.outlines[start..] {
+            let corner = &self.corners[c as usize];
+            let s = facet.shadow(corner.point);
+            let far = corner.near >> k & 1 == 0;
+            for side in 0..3 {
+                low[side] = if far { low[side].min(s.l[side]) } else { low[side] };
+                high[side] = high[side].max(s.l[side]);
+            }
+        }
+        let mut wall = None;
+        let mut lowest = -OFF_WALL;
         for side in 0..3 {
-            high[side] = high[side].max(s.l[side]);
+            if low[side] < lowest && high[side] > OFF_WALL {
+                (lowest, wall) = (low[side], Some(side));
+            }
         }
+        wall
     }
-    if near == 0 {
-        return (0, 0.0, None);
-    }
-    let mut wall = None;
-    let mut lowest = -OFF_WALL;
-    for side in 0..3 {
-        if low[side] < lowest && high[side] > OFF_WALL {
-            (lowest, wall) = (low[side], Some(side));
+
+    /// Cuts the last piece in two by the values at its corners; the positive part comes last. `None` when rounding has bent the piece so
+    /// that it is crossed more than twice, or not at all.
+    fn split(&mut self, halvings: u8, first: [usize; 2], facets: usize) -> Option<()> {
+        let len = self.pieces.pop()?.len;
+        let start = self.outlines.len() - len;
+        self.piece.clear();
+        self.piece.extend_from_slice(&self.outlines[start..]);
+        self.outlines.truncate(start);
+        // The new corners, after those that they follow.
+        let mut crossings = [(0, 0); 4];
+        let mut count = 0;
+        for i in 0..len {
+            let j = if i + 1 == len { 0 } else { i + 1 };
+            let (a, b) = (self.values[i], self.values[j]);
+            if (a > 0.0 && b < 0.0) || (a < 0.0 && b > 0.0) {
+                if count == 2 {
+                    return None;
+                }
+                let [p, q] = [i, j].map(|i| self.corners[self.piece[i] as usize].point);
+                crossings[count] = (i, self.corners.len() as u32);
+                count += 1;
+                self.add_corner(p + (q - p) * (a / (a - b)), facets);
+            }
         }
+        if count == 0 {
+            return None;
+        }
+        for (sign, first) in [(-1.0, first[0]), (1.0, first[1])] {
+            let from = self.outlines.len();
+            for i in 0..len {
+                if self.values[i] * sign >= 0.0 {
+                    self.outlines.push(self.piece[i]);
+                }
+                let crossing = crossings[..count].iter().find(|c| c.0 == i);
+                self.outlines.extend(crossing.map(|c| c.1));
+            }
+            self.pieces.push(Piece { len: self.outlines.len() - from, halvings, first });
+        }
+        Some(())
     }
-    (near, reach_sq, wall)
 }
 
 #[cfg(test)]

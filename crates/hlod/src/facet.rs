@@ -21,6 +21,7 @@ pub(crate) struct Facet {
     pub normal: DVec3,
     /// Of the sides opposite to each corner.
     inverse_sq: [f64; 3],
+    double_area_sq: f64,
 }
 
 impl Facet {
@@ -43,6 +44,7 @@ impl Facet {
             gradients: [e2.cross(normal) * inverse, normal.cross(e1) * inverse],
             normal,
             inverse_sq: sq.map(|s| 1.0 / s),
+            double_area_sq: double_area * double_area,
         })
     }
 
@@ -81,6 +83,25 @@ impl Facet {
             }
         }
         best
+    }
+
+    /// [`distance_sq`](Self::distance_sq) where it is within the limit, otherwise infinite. Most of what is too far is so by its height and the
+    /// distance to the line of one side, which need no branches.
+    #[inline(always)]
+    pub(crate) fn distance_sq_within(&self, p: DVec3, limit_sq: f64) -> f64 {
+        let s = self.shadow(p);
+        // A coordinate is the distance to a side over the height on it, which is the double area over the side.
+        let beyond = |i: usize| {
+            let l = if s.l[i] < 0.0 { s.l[i] } else { 0.0 };
+            l * l * self.inverse_sq[i]
+        };
+        let larger = |a: f64, b: f64| if a > b { a } else { b };
+        let off_sq = larger(larger(beyond(0), beyond(1)), beyond(2)) * self.double_area_sq;
+        if s.h * s.h + off_sq > limit_sq {
+            return f64::INFINITY;
+        }
+        let distance_sq = self.distance_sq(p, &s);
+        if distance_sq <= limit_sq { distance_sq } else { f64::INFINITY }
     }
 
     #[inline]

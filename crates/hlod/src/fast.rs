@@ -119,6 +119,9 @@ pub(crate) fn border_quadric(a: DVec3, b: DVec3, normal: DVec3) -> Option<Quadri
     Some(q)
 }
 
+/// Vertices whose pairs are looked at together: few enough that all that is known of them stays in the cache.
+const BLOCK: usize = 1024;
+
 /// One possible contraction.
 #[derive(Clone, Copy)]
 struct Candidate {
@@ -171,45 +174,50 @@ pub(crate) fn contract_fast(
     let mut neighbours: Vec<u32> = Vec::new();
     let mut alive: Vec<u32> = (0..s.points.len() as u32).filter(|&v| !s.is_isolated(v)).collect();
     loop {
-        candidates.clear();
-        order.costs.clear();
-        for &u in &alive {
-            neighbours.clear();
-            for corner in s.corners_at(u) {
-                for v in s.others(corner) {
-                    if v > u && !neighbours.contains(&v) {
-                        neighbours.push(v);
-                        let members = log.members[u as usize] + log.members[v as usize];
-                        if members <= limits.members
-                            && let Some((u, v, rule)) = roles.pair(u, v)
-                            && let Some((cost, at)) = place(s, &quadrics, u, v, rule, limits.rms)
-                        {
-                            order.costs.push(half_powers(cost));
-                            candidates.push(Candidate { u, v, at });
+        touched.clear();
+        let mut contracted = 0;
+        for block in alive.chunks(BLOCK) {
+            candidates.clear();
+            order.costs.clear();
+            for &u in block {
+                if touched.has(u) {
+                    continue;
+                }
+                neighbours.clear();
+                for corner in s.corners_at(u) {
+                    for v in s.others(corner) {
+                        if v > u && !touched.has(v) && !neighbours.contains(&v) {
+                            neighbours.push(v);
+                            let members = log.members[u as usize] + log.members[v as usize];
+                            if members <= limits.members
+                                && let Some((u, v, rule)) = roles.pair(u, v)
+                                && let Some((cost, at)) = place(s, &quadrics, u, v, rule, limits.rms)
+                            {
+                                order.costs.push(half_powers(cost));
+                                candidates.push(Candidate { u, v, at });
+                            }
                         }
                     }
                 }
             }
-        }
-        touched.clear();
-        let mut contracted = 0;
-        for &next in order.sorted() {
-            let Candidate { u, v, at } = candidates[next as usize];
-            if touched.has(u) || touched.has(v) {
-                continue;
+            for &next in order.sorted() {
+                let Candidate { u, v, at } = candidates[next as usize];
+                if touched.has(u) || touched.has(v) {
+                    continue;
+                }
+                around.read(s, u, v);
+                if !around.link_holds() || !around.keep_orientation(s, at) {
+                    continue;
+                }
+                let was = s.points[u as usize];
+                s.contract(u, v, frame.snap(at));
+                log.record(u, v, was);
+                let q = quadrics[v as usize];
+                quadrics[u as usize].add(&q);
+                touched.set(u);
+                touched.set(v);
+                contracted += 1;
             }
-            around.read(s, u, v);
-            if !around.link_holds() || !around.keep_orientation(s, at) {
-                continue;
-            }
-            let was = s.points[u as usize];
-            s.contract(u, v, frame.snap(at));
-            log.record(u, v, was);
-            let q = quadrics[v as usize];
-            quadrics[u as usize].add(&q);
-            touched.set(u);
-            touched.set(v);
-            contracted += 1;
         }
         alive.retain(|&v| !s.is_isolated(v));
         // Passes that change less than a fortieth cost more than they bring.

@@ -61,6 +61,8 @@ pub(crate) struct Flood {
     visited: Marks,
     stack: Vec<(u32, [Shadow; 3])>,
     layers: Vec<u32>,
+    /// What the chain looks like from the facet, if there are borders.
+    outlines: Vec<Outline>,
     borders: Vec<BorderEdge>,
     /// Visited triangles that are too high over the facet and stand on it: not part of the chain.
     excluded: Vec<u32>,
@@ -79,6 +81,7 @@ impl Flood {
             visited: Marks::new(original.triangles.len()),
             stack: Vec::new(),
             layers: Vec::new(),
+            outlines: Vec::new(),
             borders: Vec::new(),
             excluded: Vec::new(),
             cliffs: 0,
@@ -303,11 +306,9 @@ impl Flood {
                 i += 1;
             }
         }
-        let outlines: Vec<Outline> = self
-            .layers
-            .iter()
-            .map(|&t| original.corners(t).map(|p| facet.shadow(p)).map(|s| [s.l[1], s.l[2]]))
-            .collect();
+        let outline = |&t: &u32| original.corners(t).map(|p| facet.shadow(p)).map(|s| [s.l[1], s.l[2]]);
+        self.outlines.clear();
+        self.outlines.extend(self.layers.iter().map(outline));
         let cracks = self.any_side || self.borders.len() > self.cliffs;
         let mut reach_sq = 0.0f64;
         let mut budget = 2 * MAX_PIECES;
@@ -316,7 +317,7 @@ impl Flood {
             let inner = corners.iter().fold([0.0; 2], |s, c| {
                 [s[0] + c[0] / corners.len() as f64, s[1] + c[1] / corners.len() as f64]
             });
-            let layers: Option<i32> = outlines.iter().map(|outline| layer_at(outline, inner)).sum();
+            let layers: Option<i32> = self.outlines.iter().map(|outline| layer_at(outline, inner)).sum();
             if layers == Some(1) {
                 continue;
             }
@@ -326,23 +327,52 @@ impl Flood {
             }
             let points = &points[..corners.len()];
             let mut best = f64::INFINITY;
+            // Squared distances of each corner to the nearest border.
+            let mut to_border = [f64::INFINITY; crate::polygon::CORNERS];
             for edge in &self.borders {
-                best = best.min(farthest(points, |p| segment_distance_sq(edge.ends[0], edge.ends[1], p)));
+                let mut farthest = 0.0f64;
+                for (to_border, &p) in to_border.iter_mut().zip(points) {
+                    let d = segment_distance_sq(edge.ends[0], edge.ends[1], p);
+                    *to_border = to_border.min(d);
+                    farthest = farthest.max(d);
+                }
+                best = best.min(farthest);
             }
+            if best <= tolerance_sq {
+                reach_sq = reach_sq.max(best);
+                continue;
+            }
+            // What covers the piece is near its corner farthest from borders.
+            let farther = |i: usize, j: usize| if to_border[j] > to_border[i] { j } else { i };
+            let remote = (1..points.len()).fold(0, farther);
+            let mut is_lost = to_border[remote] > tolerance_sq;
             // Across a crack, triangles are near that the flood does not reach.
             let around = if cracks { nearby } else { &[] };
             for &t in self.excluded.iter().chain(&self.layers).chain(around) {
-                if best <= tolerance_sq {
-                    break;
-                }
                 let corners = original.corners(t);
-                if box_distance_sq(&corners, points[0]) <= tolerance_sq {
-                    best = best.min(farthest(points, |p| triangle_distance_sq(corners, p)));
+                if box_distance_sq(&corners, points[remote]) > tolerance_sq {
+                    continue;
+                }
+                let prepared = Facet::new(corners);
+                let distance_sq = |p: DVec3| match &prepared {
+                    Some(facet) => facet.distance_sq_to(p),
+                    None => triangle_distance_sq(corners, p),
+                };
+                if distance_sq(points[remote]) <= tolerance_sq {
+                    is_lost = false;
+                    best = best.min(farthest(points, distance_sq));
+                    if best <= tolerance_sq {
+                        break;
+                    }
                 }
             }
             if best <= tolerance_sq {
                 reach_sq = reach_sq.max(best);
                 continue;
+            }
+            // Halving a piece leaves the corner in a half that is covered as often as the whole.
+            if is_lost {
+                return None;
             }
             if depth >= MAX_DEPTH || budget == 0 {
                 return None;

@@ -53,6 +53,7 @@ mod fast;
 mod flood;
 mod frame;
 mod gather;
+mod measure;
 mod original;
 mod pair;
 mod piece;

@@ -2,16 +2,17 @@
 
 use crate::HlodError;
 use crate::appearance::{Appearance, Gathering};
-use crate::certify::{Bad, CertifiedSurface, Failed, certify_all, certify_some};
+use crate::certify::{Bad, CertifiedSurface, certify_all, certify_some};
 use crate::complex::Complex;
 use crate::contract::{Contractor, Pairs};
 use crate::fast::{FastLimits, Log, contract_fast};
 use crate::frame::{Frame, SLACK, resolution};
+use crate::measure::Measure;
 use crate::original::{NONE, Original};
 use crate::roles::{Roles, Walls};
 use farsight_geometry::TriangleMesh;
 use farsight_geometry::accuracy::{Cost, Counters, ErrorBound, Unit};
-use farsight_geometry::distance::{HausdorffOptions, Surface, one_sided};
+use farsight_geometry::distance::HausdorffOptions;
 use std::time::Instant;
 
 /// How much work the bound is worth. All tiers return a proven bound; they differ in whether it is asked for or only found out.
@@ -179,7 +180,8 @@ pub(crate) fn simplify_between(
     };
     let measured = match unproven {
         Some((bad, log)) => {
-            let measure = Measure { mesh, simple: &simple, original: &original, log, tolerance };
+            let (simple, original, frame) = (&simple, &original, &frame);
+            let measure = Measure { mesh, simple, original, frame, log, tolerance };
             Some(measure.bound(&state, bad)?)
         }
         None => None,
@@ -244,55 +246,6 @@ fn reduce(
     let (state, counts, bytes) = contractor.run(pairs);
     counts.add_to(counters);
     Reduced { state, unproven: None, bytes }
-}
-
-/// Finds out by branch and bound what certificates do not tell.
-struct Measure<'a> {
-    mesh: &'a TriangleMesh,
-    simple: &'a TriangleMesh,
-    original: &'a Original,
-    log: Log,
-    tolerance: f64,
-}
-
-impl Measure<'_> {
-    /// An upper bound of the distance of what is bad.
-    fn bound(&self, state: &CertifiedSurface, bad: Bad) -> Result<f64, HlodError> {
-        if bad.is_empty() {
-            return Ok(0.0);
-        }
-        let Self { mesh, simple, original, .. } = self;
-        let failed: Failed = bad.with_surroundings(original, &state.surface, &self.log);
-        let part = |of: &TriangleMesh, triangles: Vec<[u32; 3]>| {
-            TriangleMesh::new(of.positions().to_vec(), triangles)?.with_origin(of.origin())
-        };
-        // Faces of the result are numbered as they come among the live ones.
-        let mut numbers = vec![NONE; state.surface.faces.len()];
-        state.surface.live_faces().enumerate().for_each(|(i, f)| numbers[f as usize] = i as u32);
-        let faces = |list: &[u32]| {
-            part(simple, list.iter().map(|&f| simple.triangles()[numbers[f as usize] as usize]).collect())
-        };
-        let triangles = |list: &[u32]| {
-            let source = |&t: &u32| mesh.triangles()[original.source[t as usize] as usize];
-            part(mesh, list.iter().map(source).collect())
-        };
-        let mut upper = 0.0f64;
-        if !failed.faces.is_empty() {
-            let around = triangles(&failed.triangles_around)?;
-            upper = upper.max(self.distance(&faces(&failed.faces)?, &around, mesh));
-        }
-        if !failed.triangles.is_empty() {
-            let around = faces(&failed.faces_around)?;
-            upper = upper.max(self.distance(&triangles(&failed.triangles)?, &around, simple));
-        }
-        Ok(upper)
-    }
-
-    /// The distance to what lies around, if anything is said to, is never below that to the whole.
-    fn distance(&self, of: &TriangleMesh, around: &TriangleMesh, whole: &TriangleMesh) -> f64 {
-        let options = measuring(self.tolerance);
-        one_sided(of, &Surface::new(if around.is_empty() { whole } else { around }), &options).upper
-    }
 }
 
 /// How exactly what was not certified is measured.

@@ -21,18 +21,26 @@ pub struct HausdorffOptions {
     pub tolerance: f64,
     /// Most triangle halvings per direction; the interval stays valid when they run out.
     pub max_splits: u64,
+    /// Distances up to this are of no interest: where the true one is smaller, `upper` may be as large as this, and `lower` anything below.
+    pub floor: f64,
 }
 
 impl HausdorffOptions {
     /// Stops at this width, or after fifty million halvings.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, max_splits: 50_000_000 }
+        Self { tolerance, max_splits: 50_000_000, floor: 0.0 }
     }
 
     /// Stops after so many halvings as well.
     #[must_use]
     pub fn with_max_splits(self, max_splits: u64) -> Self {
         Self { max_splits, ..self }
+    }
+
+    /// Looks no closer at what is nearer than this: cheaper where something is known to be as far.
+    #[must_use]
+    pub fn with_floor(self, floor: f64) -> Self {
+        Self { floor, ..self }
     }
 }
 
@@ -176,17 +184,18 @@ impl<'a> Search<'a> {
     /// Returns the upper bound.
     fn run(&mut self, from: &TriangleMesh, options: &HausdorffOptions) -> f64 {
         let tolerance = options.tolerance.max(0.0);
+        let settles = |lower: f64, upper: f64| upper <= options.floor.max(lower + tolerance);
         let pieces = self.first_pieces(from);
         let mut settled = self.lower;
         for piece in pieces {
-            if piece.upper <= self.lower + tolerance {
+            if settles(self.lower, piece.upper) {
                 settled = settled.max(piece.upper);
             } else {
                 self.pending.push(piece);
             }
         }
         while let Some(&top) = self.pending.peek() {
-            if top.upper <= self.lower + tolerance || self.splits >= options.max_splits {
+            if settles(self.lower, top.upper) || self.splits >= options.max_splits {
                 settled = settled.max(top.upper);
                 break;
             }
@@ -197,7 +206,7 @@ impl<'a> Search<'a> {
                 continue;
             };
             for half in halves {
-                if half.upper <= self.lower + tolerance {
+                if settles(self.lower, half.upper) {
                     settled = settled.max(half.upper);
                 } else {
                     self.pending.push(half);
@@ -325,6 +334,24 @@ mod tests {
             (a * (1.0 - along) + b * along) * radius + Vec3::Z * z
         }));
         mesh(&p, &(0..4 * n).map(|i| [0, 1 + i, 1 + (i + 1) % (4 * n)]).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn what_is_below_the_floor_is_not_looked_at() {
+        let ball = hard_cases::bumpy_ball(8);
+        let coarse = Surface::new(&hard_cases::bumpy_ball(5));
+        let options = HausdorffOptions::new(1e-6);
+        let exact = one_sided(&ball, &coarse, &options);
+        for share in [0.5, 0.999, 1.001, 2.0] {
+            let floor = share * exact.upper;
+            let rough = one_sided(&ball, &coarse, &options.with_floor(floor));
+            assert!(rough.lower <= exact.upper && rough.upper >= exact.lower);
+            // Not above both the truth and the floor, and with less work.
+            assert!(rough.upper <= exact.upper.max(floor) + 2e-6, "{} {floor}", rough.upper);
+            let splits = |d: &OneSided| d.cost.counters.get("splits");
+            assert!(splits(&rough) <= splits(&exact));
+            assert!(share < 1.0 || splits(&rough) == 0 || splits(&rough) < splits(&exact));
+        }
     }
 
     #[test]

@@ -58,16 +58,18 @@ impl Surface {
     /// Builds the tree.
     pub fn new(mesh: &TriangleMesh) -> Self {
         let corners: Vec<[Vec3; 3]> = mesh.corner_iter().collect();
-        let mut order: Vec<u32> = (0..corners.len() as u32).collect();
+        let middle = |c: &[Vec3; 3]| c.iter().fold(DVec3::ZERO, |s, c| s + c.as_dvec3());
+        let mut middles: Vec<Middle> = corners.iter().map(middle).zip(0..).collect();
         let mut nodes = Vec::with_capacity(corners.len());
-        if !order.is_empty() {
-            build(&corners, &mut order, 0, &mut nodes);
+        if !middles.is_empty() {
+            build(&corners, &mut middles, 0, &mut nodes);
         }
         let b = mesh.bounds();
         let magnitude =
             if b.is_empty() { 0.0 } else { f64::from(b.min.abs().max(b.max.abs()).max_element()) };
-        let sorted = order.iter().map(|&i| corners[i as usize]).collect();
-        Self { origin: mesh.origin(), nodes, corners: sorted, index: order, magnitude }
+        let sorted = middles.iter().map(|m| corners[m.1 as usize]).collect();
+        let index = middles.iter().map(|m| m.1).collect();
+        Self { origin: mesh.origin(), nodes, corners: sorted, index, magnitude }
     }
 
     /// Whether there is no triangle.
@@ -189,30 +191,33 @@ impl Surface {
     }
 }
 
-/// Appends the subtree over `order[..]`, whose first triangle has the index `first`.
-fn build(corners: &[[Vec3; 3]], order: &mut [u32], first: usize, nodes: &mut Vec<Node>) {
-    let bounds = Aabb::from_points(order.iter().flat_map(|&i| corners[i as usize]));
+/// A triangle to be sorted into the tree: the sum of its corners, and its index.
+type Middle = (DVec3, u32);
+
+/// Appends the subtree over `middles`, whose first triangle has the place `first`; returns its box.
+fn build(corners: &[[Vec3; 3]], middles: &mut [Middle], first: usize, nodes: &mut Vec<Node>) -> Aabb {
     let at = nodes.len();
-    nodes.push(Node { bounds, first: first as u32, count: order.len() as u32 });
-    if order.len() <= LEAF {
-        return;
+    if middles.len() <= LEAF {
+        let bounds = Aabb::from_points(middles.iter().flat_map(|m| corners[m.1 as usize]));
+        nodes.push(Node { bounds, first: first as u32, count: middles.len() as u32 });
+        return bounds;
     }
-    let center = |i: u32| corners[i as usize].iter().fold(DVec3::ZERO, |s, c| s + c.as_dvec3());
+    nodes.push(Node { bounds: Aabb::EMPTY, first: 0, count: 0 });
     let axis = {
-        let (lo, hi) = order.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &i| {
-            (lo.min(center(i)), hi.max(center(i)))
-        });
+        let (lo, hi) = middles
+            .iter()
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), m| (lo.min(m.0), hi.max(m.0)));
         (hi - lo).max_position()
     };
-    let middle = order.len() / 2;
+    let half = middles.len() / 2;
     // Ties by index keep the tree independent of the order that selection leaves.
-    order
-        .select_nth_unstable_by(middle, |&a, &b| center(a)[axis].total_cmp(&center(b)[axis]).then(a.cmp(&b)));
-    let (left, right) = order.split_at_mut(middle);
-    build(corners, left, first, nodes);
+    middles.select_nth_unstable_by(half, |a, b| a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1)));
+    let (left, right) = middles.split_at_mut(half);
+    let left = build(corners, left, first, nodes);
     let second = nodes.len() as u32;
-    build(corners, right, first + middle, nodes);
+    let bounds = left.union(build(corners, right, first + half, nodes));
     nodes[at] = Node { bounds, first: second, count: 0 };
+    bounds
 }
 
 #[cfg(test)]
