@@ -225,8 +225,7 @@ fn pinhole(city: &City) -> Vec<Ray> {
 /// All directions, from a cell in a street in the middle of the town.
 fn street(city: &City) -> Vec<Ray> {
     let mut random = Random(7);
-    // Streets are 51 m apart, their middles begin at 5.5 m.
-    let middle = 5.5 + 51.0 * f64::from(city.blocks / 2);
+    let middle = city.street(city.blocks / 2);
     let (corner, size) = (DVec3::new(middle - 1.1, middle + 12.0, 1.3), DVec3::new(2.2, 15.0, 0.8));
     let ray = |_| {
         let p = corner + size * DVec3::from_array([0; 3].map(|_| random.next()));

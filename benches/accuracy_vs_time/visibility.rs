@@ -11,7 +11,7 @@ use farsight_visibility::{Budget, Occluders, Options, Sampler, Triangles, ViewCe
 
 pub fn rows(quick: bool) -> Vec<Row> {
     let city = if quick { City::small() } else { City::default() };
-    let street = 5.5 + 51.0 * f64::from(city.blocks / 2);
+    let street = city.street(city.blocks / 2);
     let town = city.build().and_then(|s| Ok(s.flattened()?)).expect("a valid town");
     let cubes = Cubes::default().build().and_then(|s| Ok(s.flattened()?)).expect("valid cubes");
     let around = |center: DVec3, size: DVec3| DAabb::new(center - size * 0.5, center + size * 0.5);

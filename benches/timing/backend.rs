@@ -7,7 +7,7 @@ use farsight_raster::scenes::{City, Forest, Path};
 use farsight_raster::{Draw, Fragment, Outputs, Rasteriser, State, Target};
 use farsight_raster::{RasterError, relative_from_mesh, thread_cpu_time};
 use farsight_timing::simulator::{Law, SimScene, Simulator};
-use farsight_timing::{Features, Millis, Sides, sphere_pixels};
+use farsight_timing::{Faces, Features, Millis, sphere_pixels};
 
 /// Something whose frames can be timed.
 pub trait Backend {
@@ -186,7 +186,7 @@ impl Backend for Raster {
 
     fn features(&self, object: usize, camera: &Camera) -> Features {
         let instance = &self.scene.instances()[object];
-        self.fixed[object].seen(self.scene.mesh_of(instance), &instance.world_from_mesh, camera, Sides::Both)
+        self.fixed[object].seen(self.scene.mesh_of(instance), &instance.world_from_mesh, camera, Faces::Both)
     }
 
     fn sphere(&self, object: usize) -> Sphere {

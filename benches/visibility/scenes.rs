@@ -31,7 +31,7 @@ impl Case {
     /// A street of the generated town; its size is that of the paper's cells.
     pub fn city(small: bool) -> Result<Self, Box<dyn Error>> {
         let city = if small { City::small() } else { City::default() };
-        let street = 5.5 + 51.0 * f64::from(city.blocks / 2);
+        let street = city.street(city.blocks / 2);
         let center = DVec3::new(street - 25.0, street, 1.7);
         Self::new("city", city.build()?.flattened()?, center, DVec3::new(15.0, 2.2, 0.8))
     }

@@ -5,7 +5,7 @@ use farsight_geometry::glam::{DMat4, Vec4};
 use farsight_geometry::{Camera, CameraError, ClipConvention, DAabb, Frustum, Scene};
 use farsight_raster::{Draw, Fragment, Outputs, Rasteriser, State, Target};
 use farsight_raster::{relative_from_mesh, thread_cpu_time};
-use farsight_timing::{Features, Millis, Sample, Sides};
+use farsight_timing::{Faces, Features, Millis, Sample};
 
 pub struct Renderer {
     scene: Scene,
@@ -47,7 +47,7 @@ impl Renderer {
     pub fn features(&self, visible: &[usize], camera: &Camera) -> Features {
         let of = |&i: &usize| {
             let instance = &self.scene.instances()[i];
-            self.fixed[i].seen(self.scene.mesh_of(instance), &instance.world_from_mesh, camera, Sides::Both)
+            self.fixed[i].seen(self.scene.mesh_of(instance), &instance.world_from_mesh, camera, Faces::Both)
         };
         visible.iter().map(of).fold(Features::default(), |a, b| a + b)
     }

@@ -27,7 +27,7 @@ impl Input {
     /// A street of the generated town.
     fn town(small: bool) -> Result<Self, Box<dyn Error>> {
         let city = if small { City::small() } else { City::default() };
-        let street = 5.5 + 51.0 * f64::from(city.blocks / 2);
+        let street = city.street(city.blocks / 2);
         let (center, size) = (DVec3::new(street - 25.0, street, 1.7), DVec3::new(15.0, 2.2, 0.8));
         let cell = DAabb::new(center - size * 0.5, center + size * 0.5);
         Ok(Self { scene: city.build()?, cell, up: DVec3::Z, ahead: DVec3::X })

@@ -10,6 +10,7 @@ mod query;
 mod raster;
 mod vertex;
 
+pub use farsight_geometry::clip::Faces;
 pub use occluders::Occluders;
 pub use query::{Projected, ScreenBox};
 
@@ -34,16 +35,6 @@ pub enum DepthBufferError {
         /// Height.
         height: u32,
     },
-}
-
-/// Which triangles occlude.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Faces {
-    /// All.
-    #[default]
-    Both,
-    /// Those that appear counter-clockwise, as when back faces are culled.
-    Front,
 }
 
 /// Which pixels a triangle of an occluder covers.

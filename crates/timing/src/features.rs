@@ -1,6 +1,6 @@
 //! What is known of an object before it is drawn.
 
-use crate::{Sides, TimingError, projected_pixels, transformed_vertices};
+use crate::{Faces, TimingError, projected_pixels, transformed_vertices};
 use farsight_geometry::{Camera, TriangleMesh};
 use glam::DAffine3;
 use std::ops::{Add, AddAssign};
@@ -61,9 +61,9 @@ impl Features {
         mesh: &TriangleMesh,
         world_from_mesh: &DAffine3,
         camera: &Camera,
-        sides: Sides,
+        faces: Faces,
     ) -> Self {
-        self.with_pixels(projected_pixels(mesh, world_from_mesh, camera, sides))
+        self.with_pixels(projected_pixels(mesh, world_from_mesh, camera, faces))
     }
 
     /// All features.

@@ -1,18 +1,8 @@
 //! How many pixels an object covers: exactly, and by its bounding sphere.
 
-use farsight_geometry::clip::ClipPolygon;
+use farsight_geometry::clip::{ClipPolygon, Faces};
 use farsight_geometry::{Camera, ClipConvention, Projection, Sphere, TriangleMesh};
 use glam::{DAffine3, DMat4, DVec2, DVec3, DVec4};
-
-/// Which sides of a triangle are drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Sides {
-    /// Both.
-    #[default]
-    Both,
-    /// Those that appear counter-clockwise.
-    Front,
-}
 
 /// Pixels that a mesh's triangles cover, each counted as if it were alone: what reaches the depth test.
 ///
@@ -28,9 +18,9 @@ pub fn projected_pixels(
     mesh: &TriangleMesh,
     world_from_mesh: &DAffine3,
     camera: &Camera,
-    sides: Sides,
+    faces: Faces,
 ) -> f64 {
-    PixelArea::new(mesh, world_from_mesh, camera, sides).sum()
+    PixelArea::new(mesh, world_from_mesh, camera, faces).sum()
 }
 
 /// Areas of a mesh's triangles in order, in pixels.
@@ -38,7 +28,7 @@ pub(crate) struct PixelArea<'a> {
     mesh: &'a TriangleMesh,
     clip_from_local: DMat4,
     image: DVec2,
-    sides: Sides,
+    faces: Faces,
     /// Sign of a front face's area: an image in a mirror turns the other way.
     front: f64,
     next: usize,
@@ -49,7 +39,7 @@ impl<'a> PixelArea<'a> {
         mesh: &'a TriangleMesh,
         world_from_mesh: &DAffine3,
         camera: &Camera,
-        sides: Sides,
+        faces: Faces,
     ) -> Self {
         let mut relative = *world_from_mesh;
         relative.translation = world_from_mesh.transform_point3(mesh.origin()) - camera.eye();
@@ -58,7 +48,7 @@ impl<'a> PixelArea<'a> {
             mesh,
             clip_from_local: clip_from_relative * DMat4::from(relative),
             image: DVec2::new(f64::from(camera.width()), f64::from(camera.height())),
-            sides,
+            faces,
             front: if relative.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 },
             next: 0,
         }
@@ -83,9 +73,9 @@ impl<'a> PixelArea<'a> {
             polygon.cut(|p| p.w + p.y);
         }
         let area = area(polygon.corners(), self.image);
-        match self.sides {
-            Sides::Both => area.abs(),
-            Sides::Front => (area * self.front).max(0.0),
+        match self.faces {
+            Faces::Both => area.abs(),
+            Faces::Front => (area * self.front).max(0.0),
         }
     }
 }
@@ -239,12 +229,12 @@ mod tests {
         for eye in eyes {
             for target in [DVec3::ZERO, DVec3::new(1.0, 2.0, 0.3), DVec3::new(-0.5, -3.0, 0.1)] {
                 let camera = camera(eye, target);
-                for sides in [Sides::Both, Sides::Front] {
-                    let exact = projected_pixels(&ball, &DAffine3::IDENTITY, &camera, sides);
-                    let counted = by_rays(&ball, &camera, 4, sides == Sides::Front);
+                for faces in [Faces::Both, Faces::Front] {
+                    let exact = projected_pixels(&ball, &DAffine3::IDENTITY, &camera, faces);
+                    let counted = by_rays(&ball, &camera, 4, faces == Faces::Front);
                     assert!(
                         (exact - counted).abs() <= 0.01 * counted + 6.0,
-                        "{eye} to {target} {sides:?}: {exact} against {counted}"
+                        "{eye} to {target} {faces:?}: {exact} against {counted}"
                     );
                 }
             }
@@ -261,14 +251,14 @@ mod tests {
         // The floor's image ends where it meets the far plane, 1/100 below the horizon.
         let half = level.half_extent();
         let expected = 64.0 * 48.0 * 0.5 * (1.0 - 0.01 / half.y);
-        let got = projected_pixels(&mesh, &DAffine3::IDENTITY, &level, Sides::Both);
+        let got = projected_pixels(&mesh, &DAffine3::IDENTITY, &level, Faces::Both);
         assert!((got - expected).abs() < 1e-6 * expected, "{got} {expected}");
         assert_eq!(
             projected_pixels(
                 &mesh,
                 &DAffine3::IDENTITY,
                 &camera(DVec3::ZERO, DVec3::new(0.1, 0.0, 9.0)),
-                Sides::Both
+                Faces::Both
             ),
             0.0
         );
@@ -281,8 +271,8 @@ mod tests {
         let tan = half.y;
         let zoomed =
             level.with_projection(Projection::Perspective { fov_y: 2.0 * (tan / 10.0).atan() }).unwrap();
-        let ratio = projected_pixels(&small, &DAffine3::IDENTITY, &zoomed, Sides::Both)
-            / projected_pixels(&small, &DAffine3::IDENTITY, &level, Sides::Both);
+        let ratio = projected_pixels(&small, &DAffine3::IDENTITY, &zoomed, Faces::Both)
+            / projected_pixels(&small, &DAffine3::IDENTITY, &level, Faces::Both);
         assert!((ratio - 100.0).abs() < 1e-9, "{ratio}");
     }
 
@@ -291,12 +281,12 @@ mod tests {
         let ball = hard_cases::bumpy_ball(3);
         let camera = camera(DVec3::new(5.0, 1.0, 0.5), DVec3::ZERO);
         let mirror = DAffine3::from_scale(DVec3::new(1.0, 1.0, -1.0));
-        let front = projected_pixels(&ball, &mirror, &camera, Sides::Front);
-        let both = projected_pixels(&ball, &mirror, &camera, Sides::Both);
+        let front = projected_pixels(&ball, &mirror, &camera, Faces::Front);
+        let both = projected_pixels(&ball, &mirror, &camera, Faces::Both);
         // A closed body shows as much front as back.
         assert!((both / front - 2.0).abs() < 1e-9, "{both} {front}");
         let away = DAffine3::from_translation(DVec3::new(1e3, 0.0, 0.0));
-        assert_eq!(projected_pixels(&ball, &away, &camera, Sides::Both), 0.0);
+        assert_eq!(projected_pixels(&ball, &away, &camera, Faces::Both), 0.0);
     }
 
     #[test]
@@ -304,7 +294,7 @@ mod tests {
         for hard in hard_cases::meshes() {
             let bounds = hard.mesh.world_bounds();
             for view in hard_cases::views(&bounds) {
-                let area = projected_pixels(&hard.mesh, &DAffine3::IDENTITY, &view.camera, Sides::Both);
+                let area = projected_pixels(&hard.mesh, &DAffine3::IDENTITY, &view.camera, Faces::Both);
                 let screen = f64::from(view.camera.width()) * f64::from(view.camera.height());
                 let layers = hard.mesh.triangles().len() as f64;
                 assert!(

@@ -14,7 +14,7 @@ pub use hold::{Held, HoldOptions, hold};
 pub use scene::{SimLevel, SimObject, SimScene};
 
 use crate::pixels::PixelArea;
-use crate::{Millis, Sides, sphere_pixels};
+use crate::{Faces, Millis, sphere_pixels};
 use farsight_geometry::sampling::Random;
 use farsight_geometry::{Camera, Sphere};
 use glam::{DAffine3, DVec2};
@@ -119,7 +119,7 @@ impl Law {
     fn work(&self, object: &SimObject, level: usize, camera: &Camera, hidden: f64) -> f64 {
         let level = &object.levels[level];
         let pixel = self.pixel + (self.hidden_pixel - self.pixel) * hidden;
-        let areas = PixelArea::new(&level.mesh, &DAffine3::IDENTITY, camera, Sides::Both);
+        let areas = PixelArea::new(&level.mesh, &DAffine3::IDENTITY, camera, Faces::Both);
         let triangle = |(area, &misses): (f64, &u8)| {
             let geometry = self.setup + self.vertex * f64::from(misses);
             // A triangle touches the tiles that it covers and those along its outline.

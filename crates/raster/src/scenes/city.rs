@@ -63,6 +63,11 @@ impl City {
         f64::from(self.blocks * self.repeat * PITCH + STREET)
     }
 
+    /// The middle of a street: its x where it runs along y, its y where it runs along x.
+    pub fn street(&self, number: u32) -> f64 {
+        street_middle(f64::from(number))
+    }
+
     /// Builds the scene.
     ///
     /// # Errors

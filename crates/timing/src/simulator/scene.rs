@@ -1,6 +1,6 @@
 //! Object sets for the simulated card: a city of boxes and spheres, a forest of triangle soups.
 
-use crate::{Features, Sides};
+use crate::{Faces, Features};
 use farsight_geometry::frustum::Containment;
 use farsight_geometry::sampling::Random;
 use farsight_geometry::{Camera, Frustum, Sphere, TriangleMesh};
@@ -39,7 +39,7 @@ impl SimObject {
     /// What a level asks of the card from a view.
     pub fn features(&self, level: usize, camera: &Camera) -> Features {
         let l = &self.levels[level];
-        l.features.seen(&l.mesh, &DAffine3::IDENTITY, camera, Sides::Both)
+        l.features.seen(&l.mesh, &DAffine3::IDENTITY, camera, Faces::Both)
     }
 }
 
