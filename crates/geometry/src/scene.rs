@@ -111,7 +111,8 @@ pub struct Instance {
     pub material: Option<MaterialId>,
 }
 
-/// A light. Directions are those in which light travels; colours are linear.
+/// A light. Directions are those in which light travels; colours are linear. Strengths are in whatever unit the scene has throughout: what matters here is how they compare.
+/// Files in photometric units (glTF: candela and lux) keep their numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Light {
