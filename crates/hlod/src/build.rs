@@ -6,6 +6,7 @@ mod node;
 mod partition;
 mod scratch;
 mod spool;
+mod thin;
 
 use crate::cell::{BITS, Cube};
 use crate::piece::Attributes;

@@ -142,6 +142,20 @@ impl Piece {
         Self { at: vertices.at, looks: vertices.looks, triangles }.tidied()
     }
 
+    /// The same with another's triangles, their corners rounded to a multiple of `step`.
+    pub(crate) fn joined(self, other: &Self, step: i32) -> Self {
+        let mut vertices = Vertices::default();
+        let mut ids = |piece: &Self, step: i32| -> Vec<u32> {
+            let look = |v: usize| piece.looks.get(v).copied();
+            piece.at.iter().enumerate().map(|(v, &p)| vertices.add(rounded(p, step), look(v))).collect()
+        };
+        let (own, others) = (ids(&self, 1), ids(other, step));
+        let mut triangles: Vec<[u32; 3]> =
+            self.triangles.iter().map(|t| t.map(|v| own[v as usize])).collect();
+        triangles.extend(other.triangles.iter().map(|t| t.map(|v| others[v as usize])));
+        Self { at: vertices.at, looks: vertices.looks, triangles }.tidied()
+    }
+
     /// In the coordinates of a cell.
     pub(crate) fn to_mesh(
         &self,

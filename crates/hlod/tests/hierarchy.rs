@@ -155,6 +155,22 @@ fn leaves_have_the_area_of_the_input_and_can_be_as_exact_as_wanted() {
 }
 
 #[test]
+fn clouds_of_leaves_are_thinned_within_the_bound_and_keep_their_area() {
+    let mesh = common::leaves(8000, 0.006);
+    let options = shape_only().with_most_triangles(2000).with_resolution(16.0);
+    for tier in [Tier::Guaranteed, Tier::Fast] {
+        let store = built("leaves", &mesh, &options.with_tier(tier));
+        if tier == Tier::Guaranteed {
+            check_levels("leaves", &mesh, &store, Mesh::Full, 16.0);
+        }
+        let root = decoded(&store, NodeId(0), Mesh::Full);
+        assert!(root.triangles().len() * 3 < mesh.triangles().len(), "{}", root.triangles().len());
+        let area = root.area() / mesh.area();
+        assert!((0.75..1.25).contains(&area), "{area}");
+    }
+}
+
+#[test]
 fn shapes_cost_less_than_looks_and_both_hold() {
     let ball = hard_cases::bumpy_ball(24);
     let normals = ball.positions().iter().map(|p| p.normalize()).collect();

@@ -1,6 +1,6 @@
 //! Making the meshes of one node.
 
-use super::Plan;
+use super::{Plan, thin};
 use crate::HlodError;
 use crate::cell::{Cell, LocalFrame, rounding};
 use crate::codec::{Encoded, NORMAL_ROUNDING, encode};
@@ -79,10 +79,11 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
     let spent = if attributes.any() { before.max(look_before) } else { before };
     let tolerance = budget - spent - rounded;
     let frame = LocalFrame::of(cell, &plan.cube);
+    let (piece, cloud) = thin::part(piece, cell, tolerance / unit - 2.0);
     let whole = piece.to_mesh(&frame, plan.cube.leave(cell.middle()), attributes)?;
     drop(piece);
     // Where the levels below have used up the tolerance, nothing is simplified.
-    let (mesh, geometric, appearance) = if tolerance > budget / 64.0 {
+    let (mesh, mut geometric, mut appearance) = if tolerance > budget / 64.0 && !whole.is_empty() {
         let walls = Walls {
             min: frame.local(cell.corner()),
             max: frame.local(cell.corner().map(|m| m + cell.edge())),
@@ -94,7 +95,13 @@ pub(super) fn inner(plan: &Plan, cell: &Cell, mesh: Mesh, below: Vec<Below>) -> 
     } else {
         (whole, 0.0, 0.0)
     };
-    let piece = Piece::of_mesh(&mesh, &frame, step, attributes);
+    let mut piece = Piece::of_mesh(&mesh, &frame, step, attributes);
+    if let Some(cloud) = cloud {
+        let thinned = cloud.thinned(cell);
+        piece = piece.joined(&thinned.piece, step);
+        geometric = geometric.max(thinned.error * unit);
+        appearance = appearance.max(thinned.error * unit);
+    }
     let error = (before + geometric + rounded).next_up().next_up();
     let look_error = if attributes.any() { look_before + appearance + rounded } else { error };
     Ok(Made { joined, ..Made::new(&piece, cell, step, attributes, error, look_error) })

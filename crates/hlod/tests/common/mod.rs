@@ -3,6 +3,7 @@
 
 use farsight_geometry::distance::{Hausdorff, HausdorffOptions, hausdorff};
 use farsight_geometry::glam::{DVec3, Vec3, vec3};
+use farsight_geometry::sampling::Random;
 use farsight_geometry::{TriangleMesh, hard_cases};
 use farsight_hlod::{Simplified, Tier};
 
@@ -58,6 +59,26 @@ pub fn rod(around: u32, along: u32) -> TriangleMesh {
             let (a, b) = (j * around + i, j * around + (i + 1) % around);
             t.push(if up { [centre, a, b] } else { [centre, b, a] });
         }
+    }
+    TriangleMesh::new(p, t).unwrap()
+}
+
+/// A ball of loose leaves, two triangles each, around a smaller closed one.
+pub fn leaves(count: u32, size: f64) -> TriangleMesh {
+    let mut random = Random::new(12);
+    let ball = hard_cases::bumpy_ball(12);
+    let mut p: Vec<Vec3> = ball.positions().iter().map(|p| *p * 0.3).collect();
+    let mut t = ball.triangles().to_vec();
+    while t.len() < ball.triangles().len() + 2 * count as usize {
+        let mut v = || DVec3::from_array(random.units()) * 2.0 - 1.0;
+        let (at, u, w) = (v(), v(), v());
+        if at.length() > 1.0 || u.length() < 0.1 {
+            continue;
+        }
+        let (u, w) = (u.normalize() * size, u.cross(w).normalize_or(DVec3::Z) * 0.5 * size);
+        let first = p.len() as u32;
+        p.extend([at - u, at + w, at + u, at - w].map(|p| p.as_vec3()));
+        t.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
     }
     TriangleMesh::new(p, t).unwrap()
 }
