@@ -292,18 +292,17 @@ impl Flood {
         self.pieces.push((Polygon::new([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), 0));
         for edge in &self.borders {
             let [a, b] = edge.outline;
-            let mut i = 0;
-            while i < self.pieces.len() {
+            // The halves lie off the line up to rounding, which must not let it cut them again.
+            for i in 0..self.pieces.len() {
                 if crosses(&self.pieces[i].0, a, b)
                     && let (Some(up), Some(down)) = self.pieces[i].0.cut(|p| turn(a, b, p))?
                 {
                     self.pieces[i].0 = up;
                     self.pieces.push((down, 0));
                 }
-                if self.pieces.len() > MAX_PIECES {
-                    return None;
-                }
-                i += 1;
+            }
+            if self.pieces.len() > MAX_PIECES {
+                return None;
             }
         }
         let outline = |&t: &u32| original.corners(t).map(|p| facet.shadow(p)).map(|s| [s.l[1], s.l[2]]);
