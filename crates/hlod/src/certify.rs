@@ -122,40 +122,6 @@ pub(crate) fn beyond(
     (left, reach_sq.sqrt())
 }
 
-/// A surface and what became of it, by what lies where.
-pub(crate) struct Surrounded<'a> {
-    pub original: &'a Original,
-    pub surface: &'a Complex,
-    pub log: &'a Log,
-}
-
-impl Surrounded<'_> {
-    /// Original triangles around some faces.
-    pub(crate) fn triangles_around(&self, faces: &[u32]) -> Vec<u32> {
-        let marked = self.around(faces.iter().flat_map(|&f| self.surface.faces[f as usize]));
-        let near = |v: &u32| marked[self.log.representative(*v) as usize];
-        let all = 0..self.original.triangles.len() as u32;
-        all.filter(|&t| self.original.triangles[t as usize].iter().any(near)).collect()
-    }
-
-    /// Faces around some original triangles.
-    pub(crate) fn faces_around(&self, triangles: &[u32]) -> Vec<u32> {
-        let corners = triangles.iter().flat_map(|&t| self.original.triangles[t as usize]);
-        let marked = self.around(corners.map(|v| self.log.representative(v)));
-        let near = |f: &u32| self.surface.faces[*f as usize].iter().any(|&v| marked[v as usize]);
-        self.surface.live_faces().filter(near).collect()
-    }
-
-    /// Marks the vertices around given ones, over the faces that they share.
-    fn around(&self, vertices: impl Iterator<Item = u32>) -> Vec<bool> {
-        let mut marked = vec![false; self.original.points.len()];
-        for f in vertices.flat_map(|v| self.surface.faces_at(v)) {
-            self.surface.faces[f as usize].iter().for_each(|&v| marked[v as usize] = true);
-        }
-        marked
-    }
-}
-
 /// Facets of faces that were asked for not long ago: neighbouring triangles need the same.
 struct Recent(Vec<Option<(u32, Facet)>>);
 

@@ -46,6 +46,20 @@ fn a_box_needs_twelve() {
     assert!((simple.mesh.area() - 6.0).abs() < 0.02);
 }
 
+/// An edge cuts a face that overhangs it by a hair in two, whose own rounding must not let it cut them again and again.
+#[test]
+fn rims_of_a_rod_are_not_taken_back() {
+    let rod = common::rod(96, 48);
+    let size = rod.world_bounds().diagonal();
+    for share in [128.0, 512.0] {
+        for (tier, most) in [(Tier::Guaranteed, 115), (Tier::Verified, 400)] {
+            let options = SimplifyOptions::default().with_tier(tier);
+            let kept = simplify(&rod, size / share, &options).unwrap().mesh.triangles().len();
+            assert!(kept < most, "{tier:?} 1/{share}: {kept} of {}", rod.triangles().len());
+        }
+    }
+}
+
 #[test]
 fn closed_surfaces_stay_closed_and_keep_their_volume() {
     let volume = |m: &TriangleMesh| {
