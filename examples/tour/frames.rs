@@ -61,6 +61,13 @@ pub fn took(since: Duration) -> Millis {
 /// Triangles drawn in place of an object's own; `None` for its own.
 type Shape<'s> = Option<&'s [[u32; 3]]>;
 
+/// How shadows may be at most: the side of their maps, and half of the angle that the sun spans.
+#[derive(Clone, Copy)]
+pub struct Shadows {
+    pub map_side: u32,
+    pub sun_radius: f64,
+}
+
 /// Draws frames of a scene, keeping what can be kept from one to the next.
 pub struct Renderer<'a> {
     scene: &'a mut Scene,
@@ -106,14 +113,15 @@ impl<'a> Renderer<'a> {
         movers: Option<Movers>,
         size: [u32; 2],
         options: RenderOptions<'a>,
-        map_side: u32,
+        shadows: Shadows,
         budget: Budget,
     ) -> Result<Self, Box<dyn Error>> {
         let [width, height] = size.map(|side| side * options.supersampling);
         let bounds = scene.instance_bounds();
-        let sun = Sun::of(scene, map_side, built.casters.as_ref());
+        let Shadows { map_side, sun_radius } = shadows;
+        let sun = Sun::of(scene, map_side, sun_radius, built.casters.as_ref());
         let planning =
-            Planning::new(scene, &built.forms, sun.is_some().then_some(map_side), width * height, budget)?;
+            Planning::new(scene, &built.forms, sun.as_ref().map(Sun::light), width * height, budget)?;
         Ok(Self {
             forms: &built.forms,
             cells: &built.cells,
@@ -162,7 +170,7 @@ impl<'a> Renderer<'a> {
         let plan = self.plan(camera, jumped)?;
         let predicted = plan.cost + self.planning.constant();
         let map = match choice(&plan, Effect::Shadow { light: 0 }) {
-            Choice::Map { layout, side, .. } => self.draw_map(camera, side, layout, true)?,
+            Choice::Map { layout, side, taps, .. } => self.draw_map(camera, side, layout, taps, true)?,
             _ => None,
         };
         let (map, shadow) = map.unzip();
@@ -254,12 +262,13 @@ impl<'a> Renderer<'a> {
         Ok(self.planning.plan(all, light, cell, jumped)?.clone())
     }
 
-    /// Draws without a plan: all triangles of everything in view, the finest shadow maps.
+    /// Draws without a plan: all triangles of everything in view, the finest shadow maps, as soft as can be.
     pub fn everything(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = thread_cpu_time();
         self.fit(camera)?;
         let finest = self.sun.as_ref().map_or(Layout::Warped, Sun::finest);
-        let (map, shadow) = self.draw_map(camera, self.map_side, finest, false)?.unzip();
+        let taps = self.sun.as_ref().map_or(0, Sun::most_taps).max(1);
+        let (map, shadow) = self.draw_map(camera, self.map_side, finest, taps, false)?.unzip();
         let mut objects = Vec::with_capacity(self.receivers.len());
         self.hierarchy.frustum(&Frustum::from_camera(camera), |object, _| objects.push(object));
         let mut look = self.options;
@@ -310,12 +319,13 @@ impl<'a> Renderer<'a> {
         camera: &Camera,
         side: u32,
         layout: Layout,
+        taps: u32,
         coarse: bool,
     ) -> Result<Option<(ShadowMap, ShadowReport)>, Box<dyn Error>> {
         let stage = stage!(self);
         let Some(sun) = &mut self.sun else { return Ok(None) };
         let views = sun.views(camera, &stage, &self.receivers, side, layout)?;
-        sun.draw(&mut self.rasteriser, &views, &stage, camera, coarse)
+        sun.draw(&mut self.rasteriser, &views, &stage, camera, taps, coarse)
     }
 
     /// What became of the pictures so far, in words.

@@ -22,6 +22,7 @@ mod input;
 mod inside;
 mod movers;
 mod page;
+mod penumbra;
 mod pictures;
 mod planning;
 mod report;
@@ -36,7 +37,7 @@ use farsight_geometry::io::exr::FloatImage;
 use farsight_plan::{Budget, Tolerances};
 use farsight_raster::{Image, RenderOptions, Target};
 use farsight_timing::Millis;
-use frames::{FrameReport, Renderer};
+use frames::{FrameReport, Renderer, Shadows};
 use indicatif::{ProgressBar, ProgressStyle};
 use input::Input;
 use movers::Movers;
@@ -68,6 +69,9 @@ struct Options {
     /// Processor time in milliseconds that a frame may take; without, as long as the tolerances ask for.
     #[arg(long, value_parser = positive)]
     limit: Option<f64>,
+    /// Half of the angle that the sun spans, in degrees; 0 for hard shadows.
+    #[arg(long, default_value_t = 0.27, value_parser = acute)]
+    sun_radius: f64,
     /// Aeroplanes that circle over the scene; without, a dozen over the town and none over loaded scenes.
     #[arg(long)]
     movers: Option<u32>,
@@ -101,6 +105,12 @@ impl Options {
 fn positive(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("{text} is no number"))?;
     if number.is_finite() && number > 0.0 { Ok(number) } else { Err(format!("{text} is not above zero")) }
+}
+
+/// An angle in degrees that a sun may have.
+fn acute(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text} is no number"))?;
+    if (0.0..=20.0).contains(&number) { Ok(number) } else { Err(format!("{text} is not within 0 and 20")) }
 }
 
 /// Seconds that the walk lasts, and when the moment at full rate begins, as a share of it.
@@ -190,6 +200,7 @@ fn walk_through(
 ) -> Result<Walked, Box<dyn Error>> {
     let (count, [width, height]) = (options.count(), options.size());
     let map_side = if options.quick { 1024 } else { 4096 };
+    let shadows = Shadows { map_side, sun_radius: options.sun_radius.to_radians() };
     let mut look = RenderOptions::default();
     look.up = input.up.axis();
     if !options.paths.is_empty() {
@@ -203,7 +214,7 @@ fn walk_through(
         .limit
         .map_or(Budget::unlimited(tolerances), |limit| Budget::within(Millis(limit), tolerances));
     let Input { scene, walk, .. } = input;
-    let mut renderer = Renderer::new(scene, built, movers, [width, height], look, map_side, budget)?;
+    let mut renderer = Renderer::new(scene, built, movers, [width, height], look, shadows, budget)?;
     let bar = ProgressBar::new(count as u64)
         .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
     bar.set_message("frames");

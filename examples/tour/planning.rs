@@ -1,7 +1,6 @@
 //! What each frame needs: numbers of the scene and the view, a plan, and costs learned from frames.
 
 use crate::forms::Forms;
-use crate::sun::MOST_CASCADES;
 use farsight_geometry::glam::{DAffine3, DMat3};
 use farsight_geometry::scene::{AlphaMode, Instance};
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
@@ -23,9 +22,8 @@ const WEIGHT: f64 = 0.3;
 
 impl CostModel for Learned {
     fn time(&self, work: &Work) -> Millis {
-        // Samples of maps are taken with the image's pixels.
-        let drawn = Work { texels: 0.0, taps: 0.0, ..*work };
-        self.image.time(&drawn) + self.texel * work.texels
+        // Samples of maps are taken with the image's pixels, and are priced by these.
+        self.image.time(&Work { texels: 0.0, ..*work }) + self.texel * work.texels
     }
 }
 
@@ -65,7 +63,7 @@ impl<'a> Planning<'a> {
     pub fn new(
         scene: &Scene,
         forms: &'a Forms,
-        most_side: Option<u32>,
+        light: Option<LightSummary>,
         samples: u32,
         budget: Budget,
     ) -> Result<Self, TimingError> {
@@ -92,10 +90,7 @@ impl<'a> Planning<'a> {
             objects: scene.instances().iter().map(object).collect(),
             stretch: scene.instances().iter().map(|i| largest_stretch(&i.world_from_mesh)).collect(),
             seen: Vec::new(),
-            lights: most_side
-                .map(|most_side| LightSummary { most_side, most_cascades: MOST_CASCADES, most_taps: 0 })
-                .into_iter()
-                .collect(),
+            lights: light.into_iter().collect(),
             planner: Planner::new(),
             budget,
             costs: Learned { image: Refit::new(model, constant, refit)?, texel: TEXEL },
@@ -160,7 +155,8 @@ impl<'a> Planning<'a> {
     /// Learns what the last frame took: the image, of which `share` was drawn as planned and the rest hidden, and its shadow map.
     pub fn learn(&mut self, share: f64, image: Millis, map: Option<Millis>) -> Result<(), TimingError> {
         let plan = self.planner.last();
-        self.costs.image.observe(&Features::from(&(plan.work * share)), image)?;
+        let taps = Work { taps: plan.shadow_work.taps, ..Work::default() };
+        self.costs.image.observe(&Features::from(&(plan.work * share + taps)), image)?;
         if let Some(took) = map {
             self.costs.learn_map(&plan.shadow_work, took);
         }

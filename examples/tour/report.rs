@@ -263,16 +263,23 @@ fn maps(shadow: &ShadowReport) -> String {
     }
 }
 
+/// How soft shadows are.
+fn softness(shadow: &ShadowReport) -> String {
+    let taps = if shadow.taps > 1 { format!("soft, {} samples", shadow.taps) } else { "hard".into() };
+    format!("{taps}, penumbrae at most {:.2} px", shadow.penumbra_px)
+}
+
 fn caption(i: usize, frame: &FrameReport) -> String {
     let shadow = match &frame.shadow {
         None => "no shadow map".into(),
         Some(s) => {
             let plural = if s.maps > 1 { "s" } else { "" };
             format!(
-                "shadow map{plural} of {}, texel at most {:.1} px, {:.1} in one map without a warp",
+                "shadow map{plural} of {}, texel at most {:.1} px, {:.1} in one map without a warp; {}",
                 maps(s),
                 s.texel,
-                s.uniform
+                s.uniform,
+                softness(s)
             )
         }
     };

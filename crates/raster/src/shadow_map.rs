@@ -38,6 +38,12 @@ impl Default for ShadowOptions {
     }
 }
 
+/// How a map's coordinates change around a point, times w there.
+struct Gradients {
+    rows: [Vec3; 3],
+    w: f32,
+}
+
 /// Depth seen from a light.
 #[derive(Clone, Debug)]
 pub struct ShadowMap {
@@ -46,6 +52,8 @@ pub struct ShadowMap {
     nearest: Arc<OnceLock<Nearest>>,
     /// Places in the unit disk of soft lookups.
     spiral: Arc<[soft::Place]>,
+    /// Tangent of the light's angular radius.
+    spread: f32,
     /// Map clip space from world coordinates relative to `origin`.
     clip_from_relative: DMat4,
     rounded: Mat4,
@@ -78,6 +86,7 @@ impl ShadowMap {
         Ok(Self {
             target: Arc::new(Target::new(size, size, Outputs::DEPTH)?),
             nearest: Arc::default(),
+            spread: options.penumbra.map_or(0.0, |p| p.angular_radius.tan()),
             spiral: options.penumbra.map_or(Arc::default(), |p| soft::spiral(p.taps)),
             clip_from_relative: light_clip_from_relative,
             rounded: light_clip_from_relative.as_mat4(),
@@ -260,7 +269,9 @@ impl ShadowMap {
             return outside();
         }
         let reach = (self.options.filter_radius + 1) as f32;
-        let moved = point + normal * (self.options.normal_offset * reach * self.clearance(point, normal));
+        let gradients = self.gradients(point);
+        let moved =
+            point + normal * (self.options.normal_offset * reach * self.clearance(&gradients, normal));
         let clip: Vec4 = self.rounded * moved.extend(1.0);
         if clip.w <= 0.0 {
             return outside();
@@ -274,7 +285,7 @@ impl ShadowMap {
         }
         match self.options.penumbra {
             None => self.filtered(x, y, depth),
-            Some(penumbra) => self.soft(penumbra, moved, normal, [x, y, depth]),
+            Some(_) => self.soft(&gradients, normal, [x, y, depth]),
         }
     }
 
@@ -282,23 +293,22 @@ impl ShadowMap {
     ///
     /// A step of one texel across the light is a, and on the plane, with the light's direction l, a − l·(a·n)/(l·n); depth changes by ∇z along
     /// it. A lift of e along n is as good as one of e/(l·n) along l. Uniform maps have ∇z along l, so that ∣a·n∣ is left; warped ones have not.
-    fn clearance(&self, point: Vec3, normal: Vec3) -> f32 {
-        let ([gx, gy, gz], clip) = self.gradients(point);
+    fn clearance(&self, gradients: &Gradients, normal: Vec3) -> f32 {
+        let Gradients { rows: [gx, gy, gz], w } = *gradients;
         // Both are across the ray of light, so their product is along it, and the steps of one texel are their duals.
         let light = gx.cross(gy);
-        let step = 2.0 * clip.w / (self.target.width() as f32 * light.length_squared());
+        let step = 2.0 * w / (self.target.width() as f32 * light.length_squared());
         let (fall, facing) = (gz.dot(light), normal.dot(light));
         let rise = |across: Vec3| (across.dot(gz) * facing / fall - across.dot(normal)).abs();
         let lift = (rise(gy.cross(light)) + rise(light.cross(gx))) * step.abs();
         if lift.is_finite() { lift } else { 0.0 }
     }
 
-    /// How the map's coordinates change around a point, times w there, and the point in clip space.
-    fn gradients(&self, point: Vec3) -> ([Vec3; 3], Vec4) {
+    fn gradients(&self, point: Vec3) -> Gradients {
         let clip = self.rounded * point.extend(1.0);
         let w_row = self.rounded.row(3).truncate();
         let gradient = |row: usize, value: f32| self.rounded.row(row).truncate() - w_row * (value / clip.w);
-        ([gradient(0, clip.x), gradient(1, clip.y), gradient(2, clip.z)], clip)
+        Gradients { rows: [gradient(0, clip.x), gradient(1, clip.y), gradient(2, clip.z)], w: clip.w }
     }
 
     /// The depth of a texel; beyond the border that of the nearest one.

@@ -36,23 +36,24 @@ impl Nearest {
     }
 
     /// The largest depth within `reach` texels of a place, along each axis; that of a somewhat larger region.
+    #[inline]
     pub fn around(&self, [x, y]: [f32; 2], reach: [f32; 2]) -> f32 {
-        let widest = 2.0 * reach[0].max(reach[1]);
-        let mut level = 0;
-        let mut tile = TILE as f32;
+        // Casts from negative numbers give zero.
+        let tiles = |c: f32, reach: f32| [((c - reach) as usize) / TILE, ((c + reach) as usize) / TILE];
+        let (columns, rows) = (tiles(x, reach[0]), tiles(y, reach[1]));
         // At most three tiles on a side.
-        while 2.0 * tile < widest && level + 1 < self.levels.len() {
-            (level, tile) = (level + 1, 2.0 * tile);
+        let span = (columns[1] - columns[0]).max(rows[1] - rows[0]);
+        let level = (usize::BITS - (span / 2).leading_zeros()).min(self.levels.len() as u32 - 1);
+        let Level { side, depths } = &self.levels[level as usize];
+        let at = |tile: usize| (tile >> level).min(side - 1);
+        let [left, right] = columns.map(at);
+        let mut most = 0.0;
+        for j in at(rows[0])..=at(rows[1]) {
+            for &depth in &depths[j * side + left..=j * side + right] {
+                most = if depth > most { depth } else { most };
+            }
         }
-        let Level { side, depths } = &self.levels[level];
-        let range = |c: f32, reach: f32| {
-            // Casts from negative numbers give zero.
-            let at = |c: f32| ((c / tile) as usize).min(side - 1);
-            at(c - reach)..at(c + reach) + 1
-        };
-        let (columns, rows) = (range(x, reach[0]), range(y, reach[1]));
-        let row = |j: usize| depths[j * side..][columns.clone()].iter().copied().fold(0.0, f32::max);
-        rows.map(row).fold(0.0, f32::max)
+        most
     }
 }
 

@@ -3,7 +3,7 @@
 //! Differs: everything is measured in the world, so that warped maps give the same penumbra as uniform ones; lookups are compared with the receiver's
 //! plane, so that wide filters do not shadow what they lie on; and the region that is searched is narrowed by what lies nearest to the light in it.
 
-use super::{Nearest, ShadowMap};
+use super::{Gradients, Nearest, ShadowMap};
 use glam::{Vec2, Vec3};
 use std::f32::consts::TAU;
 use std::sync::Arc;
@@ -64,25 +64,36 @@ struct Receiver<'a> {
     least: f32,
 }
 
+/// What lookups found in front of the light.
+enum Front {
+    Nothing,
+    /// Wherever they looked.
+    All,
+    /// In some places, at this distance in the mean.
+    Part(f32),
+}
+
 impl ShadowMap {
-    /// Share of a light of some size that reaches a point, given where the point is in the map: texels and depth.
-    pub(super) fn soft(&self, penumbra: Penumbra, point: Vec3, normal: Vec3, [x, y, depth]: [f32; 3]) -> f32 {
+    /// Share of a light of some size that reaches a point, given where that is in the map, texels and depth, and how these change around it.
+    pub(super) fn soft(&self, gradients: &Gradients, normal: Vec3, [x, y, depth]: [f32; 3]) -> f32 {
         let hard = || self.filtered(x, y, depth);
-        let Some(receiver) = self.receiver(point, normal, [x, y, depth]) else { return hard() };
-        let spread = penumbra.angular_radius.tan();
+        let Some(receiver) = self.receiver(gradients, normal, [x, y, depth]) else { return hard() };
+        let spread = self.spread;
         let Some(reach) = receiver.reach(spread) else { return 1.0 };
         if reach <= receiver.least {
             return hard();
         }
-        // Where nothing was found, what is in front may be narrower than lookups are apart.
-        let Some(distance) = receiver.in_front(reach, spread) else { return hard() };
-        let width = spread * distance;
-        if width <= receiver.least { hard() } else { receiver.filtered(width) }
+        match receiver.in_front(reach, spread) {
+            // What is in front may be narrower than lookups are apart.
+            Front::Nothing => hard(),
+            Front::All => 0.0,
+            Front::Part(distance) if spread * distance <= receiver.least => hard(),
+            Front::Part(distance) => receiver.filtered(spread * distance),
+        }
     }
 
-    fn receiver(&self, point: Vec3, normal: Vec3, [x, y, depth]: [f32; 3]) -> Option<Receiver<'_>> {
-        let (gradients, clip) = self.gradients(point);
-        let [gx, gy, gz] = gradients.map(|g| g / clip.w);
+    fn receiver(&self, gradients: &Gradients, normal: Vec3, [x, y, depth]: [f32; 3]) -> Option<Receiver<'_>> {
+        let [gx, gy, gz] = gradients.rows.map(|g| g / gradients.w);
         // Both are across the ray of light, so their product is along it.
         let along = gx.cross(gy).try_normalize()?;
         let light = if gz.dot(along) < 0.0 { -along } else { along };
@@ -119,8 +130,10 @@ impl Receiver<'_> {
             if above <= 0.0 {
                 return None;
             }
-            reach = reach.min(spread * above / self.rise);
-            if reach <= self.least {
+            let narrower = reach.min(spread * above / self.rise);
+            let settled = narrower <= self.least || narrower > 0.8 * reach;
+            reach = narrower;
+            if settled {
                 break;
             }
         }
@@ -136,18 +149,22 @@ impl Receiver<'_> {
         )
     }
 
-    /// Mean distance to what is in front of the light; `None` where no lookup finds anything.
-    fn in_front(&self, reach: f32, spread: f32) -> Option<f32> {
-        let (mut sum, mut count) = (0.0, 0.0);
+    /// Looks for what is in front of the light.
+    fn in_front(&self, reach: f32, spread: f32) -> Front {
+        let (mut sum, mut count) = (0.0, 0);
         for place in self.map.spiral.iter() {
             let (at, own) = self.place(place.dense * reach);
             let distance = (self.map.texel(at.x as i32, at.y as i32) - own) / self.rise;
             // What is aside by more than the light at its distance hides nothing of it.
             if distance > 0.0 && place.aside * reach <= spread * distance + self.least {
-                (sum, count) = (sum + distance, count + 1.0);
+                (sum, count) = (sum + distance, count + 1);
             }
         }
-        (count > 0.0).then(|| sum / count)
+        match count {
+            0 => Front::Nothing,
+            all if all == self.map.spiral.len() => Front::All,
+            some => Front::Part(sum / some as f32),
+        }
     }
 
     /// Share of the lookups within `width` that are lit, each with bilinear weights.
