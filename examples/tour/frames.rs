@@ -6,6 +6,7 @@ use crate::compare::Comparison;
 use crate::cull::Visibility;
 use crate::forms::Forms;
 use crate::movers::Movers;
+use crate::nodes::{Nodes, NodesReport};
 use crate::pictures::{Drawn, Pictures};
 use crate::planning::Planning;
 use crate::sun::{ShadowReport, Stage, Sun};
@@ -32,6 +33,8 @@ pub struct FrameReport {
     pub shadow: Option<ShadowReport>,
     /// Pictures that stood for objects.
     pub pictures: PictureReport,
+    /// Nodes of hierarchies that stood for large surfaces.
+    pub nodes: NodesReport,
     /// Nodes of the movers' hierarchies that were looked at.
     pub tests: u64,
     /// Processor time as foretold, and as it was.
@@ -61,6 +64,17 @@ pub fn took(since: Duration) -> Millis {
 /// Triangles drawn in place of an object's own; `None` for its own.
 type Shape<'s> = Option<&'s [[u32; 3]]>;
 
+/// How a frame follows the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Some time later, on the same way.
+    Walk,
+    /// From somewhere else.
+    Jump,
+    /// A moment later: nothing may wait.
+    Flow,
+}
+
 /// How shadows may be at most: the side of their maps, and half of the angle that the sun spans.
 #[derive(Clone, Copy)]
 pub struct Shadows {
@@ -82,7 +96,8 @@ pub struct Renderer<'a> {
     planning: Planning<'a>,
     textures: Vec<MipMap>,
     rasteriser: Rasteriser,
-    sun: Option<Sun<'a>>,
+    sun: Option<Sun>,
+    nodes: Nodes,
     receivers: Vec<DAabb>,
     options: RenderOptions<'a>,
     map_side: u32,
@@ -119,7 +134,7 @@ impl<'a> Renderer<'a> {
         let [width, height] = size.map(|side| side * options.supersampling);
         let bounds = scene.instance_bounds();
         let Shadows { map_side, sun_radius } = shadows;
-        let sun = Sun::of(scene, map_side, sun_radius, built.casters.as_ref());
+        let sun = Sun::of(scene, map_side, sun_radius, built.caster_stores());
         let planning =
             Planning::new(scene, &built.forms, sun.as_ref().map(Sun::light), width * height, budget)?;
         Ok(Self {
@@ -136,6 +151,7 @@ impl<'a> Renderer<'a> {
             textures: mip_maps(scene),
             rasteriser: Rasteriser::new(),
             sun,
+            nodes: Nodes::new(&built.surfaces)?,
             receivers: Vec::new(),
             options,
             map_side,
@@ -160,14 +176,10 @@ impl<'a> Renderer<'a> {
         Ok(())
     }
 
-    /// Draws what the plan for this view asks for; `jumped` where the eye is not on its way from the last frame.
-    pub fn planned(
-        &mut self,
-        camera: &Camera,
-        jumped: bool,
-    ) -> Result<(Target, FrameReport), Box<dyn Error>> {
+    /// Draws what the plan for this view asks for.
+    pub fn planned(&mut self, camera: &Camera, pace: Pace) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = thread_cpu_time();
-        let plan = self.plan(camera, jumped)?;
+        let plan = self.plan(camera, pace == Pace::Jump)?;
         let predicted = plan.cost + self.planning.constant();
         let map = match choice(&plan, Effect::Shadow { light: 0 }) {
             Choice::Map { layout, side, taps, .. } => self.draw_map(camera, side, layout, taps, true)?,
@@ -177,11 +189,17 @@ impl<'a> Renderer<'a> {
 
         let allowed_px = self.tolerances.position_px * plan.allowed;
         self.follow_movers(&plan, camera, allowed_px)?;
+        let of_detail = |object: u32| match plan.objects()[object as usize].choice {
+            Choice::Detail { detail, .. } => Some(detail),
+            _ => None,
+        };
+        let drawn_nodes = self.nodes.choose(camera, of_detail, pace != Pace::Flow)?;
         let fine = self.fine(camera)?;
         let first_mover = self.first_mover;
-        let Self { scene, forms, cells, movers, pictures, visibility, planning, rasteriser, .. } = self;
+        let Self { scene, forms, cells, movers, nodes, pictures, visibility, planning, rasteriser, .. } =
+            self;
         let (movers, seen) = (movers.as_ref(), planning.seen());
-        let shaping = Shaping { scene, forms, movers, seen, plan: &plan, allowed_px };
+        let shaping = Shaping { scene, forms, movers, nodes, seen, plan: &plan, allowed_px };
         let mut shapes = shaping.shapes();
 
         let before = thread_cpu_time();
@@ -210,6 +228,8 @@ impl<'a> Renderer<'a> {
         look.quads = &quads;
         look.only = Some(&objects);
         look.forms = &shapes;
+        let parts = nodes.parts(look.supersampling);
+        look.parts = &parts;
         let (target, counters) = render_scene(rasteriser, scene, camera, &look)?;
         let drawing = took(before);
         pictures.end(camera);
@@ -230,6 +250,7 @@ impl<'a> Renderer<'a> {
             counters,
             shadow,
             pictures: PictureReport { time: making, ..pictures.report() },
+            nodes: drawn_nodes,
             tests: movers.map_or(0, |m| m.tests),
             predicted,
             time,
@@ -253,13 +274,16 @@ impl<'a> Renderer<'a> {
         let samples = f64::from(self.options.supersampling).powi(2);
         let all = f64::from(camera.width()) * f64::from(camera.height()) * samples;
         let stage = stage!(self);
-        let light = self.sun.as_mut().map(|sun| sun.summary(camera, &stage, &self.receivers, all));
         let seen = self.planning.look(camera, &self.bounds, samples);
+        let shaded = seen.iter().map(|s| s.pixels).sum::<f64>().min(all);
+        let light = self.sun.as_mut().map(|sun| sun.summary(camera, &stage, &self.receivers, shaded));
         if !jumped {
             self.pictures.forecast(self.scene, camera, seen);
         }
+        let details = |object: u32| self.forms.details(self.scene.instances()[object as usize].mesh.0);
+        self.nodes.look(camera, self.tolerances.position_px, self.planning.seen(), details);
         let cell = self.cells.at(camera.eye()).map(|c| c.view());
-        Ok(self.planning.plan(all, light, cell, jumped)?.clone())
+        Ok(self.planning.plan(all, light, cell, jumped, self.nodes.offers())?.clone())
     }
 
     /// Draws without a plan: all triangles of everything in view, the finest shadow maps, as soft as can be.
@@ -283,6 +307,7 @@ impl<'a> Renderer<'a> {
             counters,
             shadow,
             pictures: PictureReport::default(),
+            nodes: NodesReport::default(),
             tests: 0,
             predicted: Millis::ZERO,
             time: took(start),
@@ -344,6 +369,7 @@ struct Shaping<'s> {
     scene: &'s Scene,
     forms: &'s Forms,
     movers: Option<&'s Movers>,
+    nodes: &'s Nodes,
     seen: &'s [ObjectView],
     plan: &'s Plan,
     allowed_px: f64,
@@ -356,7 +382,10 @@ impl<'s> Shaping<'s> {
             Choice::Impostor { .. } => Some(&[][..]),
             Choice::Detail { detail, .. } => {
                 let moving = self.movers.and_then(|m| m.triangles(object));
-                Some(moving.unwrap_or_else(|| self.forms.triangles(self.mesh(object), detail)))
+                let form = self.nodes.form(object, detail);
+                // Where nodes stand for it, nothing of its own is drawn.
+                let own = form.map_or(&[][..], |form| self.forms.triangles(self.mesh(object), form));
+                Some(moving.unwrap_or(own))
             }
             _ => None,
         };

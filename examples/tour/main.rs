@@ -21,12 +21,14 @@ mod frames;
 mod input;
 mod inside;
 mod movers;
+mod nodes;
 mod page;
 mod penumbra;
 mod pictures;
 mod planning;
 mod report;
 mod sun;
+mod surfaces;
 mod walk;
 
 use built::Built;
@@ -37,7 +39,7 @@ use farsight_geometry::io::exr::FloatImage;
 use farsight_plan::{Budget, Tolerances};
 use farsight_raster::{Image, RenderOptions, Target};
 use farsight_timing::Millis;
-use frames::{FrameReport, Renderer, Shadows};
+use frames::{FrameReport, Pace, Renderer, Shadows};
 use indicatif::{ProgressBar, ProgressStyle};
 use input::Input;
 use movers::Movers;
@@ -223,8 +225,11 @@ fn walk_through(
         let time = Walk::time(i, count);
         let camera = walk.camera_at(time, width, height)?;
         renderer.fly(time * WALK)?;
-        let (target, report) =
-            if options.no_plan { renderer.everything(&camera)? } else { renderer.planned(&camera, false)? };
+        let (target, report) = if options.no_plan {
+            renderer.everything(&camera)?
+        } else {
+            renderer.planned(&camera, Pace::Walk)?
+        };
         // The first frame, one on the way and the last are drawn in full as well.
         let compared = !options.no_plan && [0, count / 2, count - 1].contains(&i);
         let comparison = compared.then(|| renderer.compared(&camera, &target)).transpose()?;
@@ -254,7 +259,7 @@ fn moment(
         let time = MOMENT + i as f64 / (60.0 * WALK);
         let camera = walk.camera_at(time, width, height)?;
         renderer.fly(time * WALK)?;
-        let (target, report) = renderer.planned(&camera, i == 0)?;
+        let (target, report) = renderer.planned(&camera, if i == 0 { Pace::Jump } else { Pace::Flow })?;
         if i + 1 == count {
             let png = Image::from_colour(&target).to_png()?;
             write(&options.out.join("moment.png"), &png)?;

@@ -2,10 +2,11 @@
 
 use crate::frames::FrameReport;
 use crate::input::Input;
+use crate::nodes::NodesReport;
 use crate::page::Page;
 use crate::sun::ShadowReport;
 use crate::{Shown, Walked};
-use farsight_plan::{Choice, Class, Decision, Effect};
+use farsight_plan::{Choice, Class, Decision, Effect, Form};
 use std::error::Error;
 use std::time::Duration;
 
@@ -147,6 +148,14 @@ fn decisions(page: &mut Page, built: &[(String, Duration)], frames: &[Shown]) {
     page.table(&std::iter::once(vec!["what".into(), "time".into()]).chain(rows).collect::<Vec<_>>());
     page.heading("What was decided, and what that saved");
     page.table(&decision_table(frames));
+    let drawn = frames.iter().map(|f| &f.report.nodes);
+    if drawn.clone().any(|n| n.surfaces > 0) {
+        page.paragraph(
+            "Large surfaces are read from hierarchies on disk, as nodes that are as coarse as they may be where they are. Of each frame the error that its nodes have: proven for \
+             the shape, estimated for where colours and normals belong.",
+        );
+        page.table(&node_table(drawn));
+    }
     page.paragraph(
         "Some frames were drawn without a plan as well: all triangles of all objects in view, and the finest shadow maps. \
          Changed are pixels that differ by more than 4 of 255.",
@@ -170,6 +179,7 @@ fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "frame",
         "out of view",
         "too small",
+        "nodes",
         "coarser",
         "pictures",
         "in full",
@@ -184,23 +194,53 @@ fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
             Some(d) => format!("{} ({})", d.choice, d.because.class),
             None => "-".into(),
         };
-        let (coarser, full) =
-            (count(|d| matches!(d.choice, Choice::Detail { .. })), count(|d| d.choice == Choice::Full));
+        let nodes = count(|d| matches!(d.choice, Choice::Detail { form: Form::Mesh, .. }));
+        let coarser = count(|d| matches!(d.choice, Choice::Detail { .. })) - nodes;
+        let full = count(|d| d.choice == Choice::Full);
         let pictures = count(|d| matches!(d.choice, Choice::Impostor { .. }));
         let cells = [
             i.to_string(),
             count(|d| d.because.class == Class::Void).to_string(),
             count(|d| d.choice == Choice::Nothing && d.because.class != Class::Void).to_string(),
+            nodes.to_string(),
             coarser.to_string(),
             pictures.to_string(),
             full.to_string(),
-            (coarser + pictures + full).saturating_sub(frames[i].report.drawn).to_string(),
+            (nodes + coarser + pictures + full).saturating_sub(frames[i].report.drawn).to_string(),
             chosen(Effect::Occlusion),
             chosen(Effect::Shadow { light: 0 }),
         ];
         rows.push(cells.to_vec());
     }
     rows
+}
+
+/// What was drawn of hierarchies, frame by frame.
+fn node_table<'a>(frames: impl Iterator<Item = &'a NodesReport>) -> Vec<Vec<String>> {
+    let names = [
+        "frame",
+        "surfaces",
+        "nodes",
+        "triangles",
+        "off by px",
+        "looks off by px",
+        "nodes missing",
+        "MB in memory",
+    ];
+    let row = |(i, n): (usize, &NodesReport)| {
+        [
+            i.to_string(),
+            n.surfaces.to_string(),
+            n.nodes.to_string(),
+            n.triangles.to_string(),
+            format!("{:.3}", n.error_px),
+            format!("{:.3}", n.look_px),
+            n.missing.to_string(),
+            format!("{:.1}", n.bytes as f64 * 1e-6),
+        ]
+        .to_vec()
+    };
+    std::iter::once(head(names)).chain(frames.enumerate().map(row)).collect()
 }
 
 /// Planned frames beside the same with everything on.
@@ -293,8 +333,10 @@ pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "in view",
         "drawn",
         "triangles",
+        "nodes",
         "casters",
         "maps",
+        "taps",
         "texel px",
         "foretold",
         "ms",
@@ -302,17 +344,19 @@ pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
     ];
     let mut rows = vec![head(names)];
     for (i, Shown { report: f, comparison, .. }) in frames.iter().enumerate() {
-        let (casters, side, texel) = match &f.shadow {
-            Some(s) => (s.casters_drawn.to_string(), maps(s), format!("{:.2}", s.texel)),
-            None => ("-".into(), "-".into(), "-".into()),
-        };
+        let none = || ["-"; 4].map(String::from);
+        let [casters, side, taps, texel] = f.shadow.as_ref().map_or_else(none, |s| {
+            [s.casters_drawn.to_string(), maps(s), s.taps.to_string(), format!("{:.2}", s.texel)]
+        });
         rows.push(vec![
             i.to_string(),
             f.in_view.to_string(),
             f.drawn.to_string(),
             f.counters.triangles.to_string(),
+            f.nodes.nodes.to_string(),
             casters,
             side,
+            taps,
             texel,
             format!("{:.0}", f.predicted.0),
             format!("{:.0}", f.time.0),

@@ -14,7 +14,6 @@ use farsight_shadow::{
     Focus, MapOptions, Scope, ShadowError, ShadowLight, ShadowView, Skip, Warp, plan_cascades,
 };
 use farsight_timing::Millis;
-use std::cell::RefCell;
 use std::error::Error;
 
 /// Pixels by which the edge of a shadow may be off because its caster is a coarser form.
@@ -43,11 +42,11 @@ pub struct ShadowReport {
 }
 
 /// A sun and what its shadows need from one frame to the next.
-pub struct Sun<'a> {
+pub struct Sun {
     pub direction: DVec3,
     /// Half of the angle that it spans.
     angular_radius: f64,
-    coarse: Option<&'a RefCell<CasterStore>>,
+    hierarchies: Vec<CasterStore>,
     map_side: u32,
     focus: Focus,
     previous: Option<ShadowView>,
@@ -59,8 +58,6 @@ pub struct Sun<'a> {
     casters: Vec<u32>,
     /// Widest penumbra in view, in pixels.
     penumbra_px: f64,
-    /// Whether the hierarchy has fewer triangles to draw than the objects' own forms.
-    hierarchical: bool,
 }
 
 /// The scene as a frame has it.
@@ -98,19 +95,19 @@ impl Stage<'_> {
     }
 }
 
-impl<'a> Sun<'a> {
+impl Sun {
     /// The first light of a scene, if it is a sun; taken to span twice `angular_radius`. Its maps have sides of `map_side` texels at most.
     pub fn of(
         scene: &Scene,
         map_side: u32,
         angular_radius: f64,
-        coarse: Option<&'a RefCell<CasterStore>>,
+        hierarchies: Vec<CasterStore>,
     ) -> Option<Self> {
         let Some(&Light::Directional { direction, .. }) = scene.lights().first() else { return None };
         Some(Self {
             direction,
             angular_radius,
-            coarse,
+            hierarchies,
             map_side,
             focus: Focus::new(),
             previous: None,
@@ -118,7 +115,6 @@ impl<'a> Sun<'a> {
             cascades: [None; 3],
             casters: Vec::new(),
             penumbra_px: 0.0,
-            hierarchical: false,
         })
     }
 
@@ -230,7 +226,7 @@ impl<'a> Sun<'a> {
         stage.forms.within(instance.mesh.0, error).unwrap_or_else(whole)
     }
 
-    /// What the planner is told, for an image of so many samples.
+    /// What the planner is told, where so many samples are shaded.
     pub fn summary(
         &mut self,
         camera: &Camera,
@@ -242,29 +238,36 @@ impl<'a> Sun<'a> {
             Err(skip) => return LightView::skipped(*skip),
             Ok(view) => view,
         };
-        let formed = |moving: bool| {
-            let which = self.casters.iter().filter(|&&o| (o >= stage.first_mover) == moving);
-            which.map(|&o| self.form(camera, stage, o).len() as u64).sum::<u64>()
-        };
-        let mut still = formed(false);
-        let moving = formed(true);
-        self.hierarchical = false;
-        if let Some(store) = self.coarse {
-            let nodes = store.borrow_mut().choose(camera, self.direction, receivers, CASTER_PX);
-            self.hierarchical = nodes < still;
-            still = still.min(nodes);
-        }
         let mut texels = TexelSpread::of_map(view);
         texels.cascades = self.cascades.map(|c| c.map_or(f64::INFINITY, |(_, spread)| spread));
+        let triangles = self.count_casters(camera, stage, receivers);
         LightView {
             receiver_pixels: samples,
-            caster_triangles: (still + moving) as f64,
+            caster_triangles: triangles as f64,
             caster_draws: self.casters.len() as f64,
             contribution: 1.0,
             texels,
             penumbra_px: self.penumbra_px,
             unchanged: false,
         }
+    }
+
+    /// Chooses what casts: hierarchies where they have fewer triangles to draw than the objects' own forms; returns the number of triangles.
+    fn count_casters(&mut self, camera: &Camera, stage: &Stage, receivers: &[DAabb]) -> u64 {
+        let triangles = |object: u32| self.form(camera, stage, object).len() as u64;
+        let forms: Vec<(u32, u64)> = self.casters.iter().map(|&o| (o, triangles(o))).collect();
+        let mut sum = forms.iter().map(|f| f.1).sum();
+        for hierarchy in &mut self.hierarchies {
+            let covered = forms.iter().filter(|f| hierarchy.covers(f.0, stage.first_mover));
+            let own: u64 = covered.map(|f| f.1).sum();
+            hierarchy.used = false;
+            if own > 0 {
+                let nodes = hierarchy.choose(camera, self.direction, receivers, CASTER_PX);
+                hierarchy.used = nodes < own;
+                sum -= own - nodes.min(own);
+            }
+        }
+        sum
     }
 
     /// Draws maps, near to far, for so many samples a point. Casters are as coarse as their shadows may be if that is wanted, or all of them in full; only
@@ -324,13 +327,14 @@ impl<'a> Sun<'a> {
         let mut map =
             ShadowMap::new(view.side, view.clip_from_relative, view.origin, -self.direction, options)?;
         let mut casters_drawn = 0;
-        let mut first = 0;
-        if let (Some(store), true) = (self.coarse, coarse && self.hierarchical) {
-            casters_drawn += store.borrow_mut().draw(rasteriser, &mut map, view.origin)?;
-            first = stage.first_mover;
+        for hierarchy in self.hierarchies.iter_mut().filter(|h| coarse && h.used) {
+            casters_drawn += hierarchy.draw(rasteriser, &mut map, view.origin)?;
         }
         self.find_casters(view, stage);
-        for &object in self.casters.iter().filter(|&&o| o >= first) {
+        let drawn = |object: u32| {
+            coarse && self.hierarchies.iter().any(|h| h.used && h.covers(object, stage.first_mover))
+        };
+        for &object in self.casters.iter().filter(|&&o| !drawn(o)) {
             let instance = &stage.scene.instances()[object as usize];
             let mesh = stage.scene.mesh_of(instance);
             let relative = DMat4::from(relative_from_mesh(instance, mesh, view.origin));

@@ -94,6 +94,8 @@ pub struct Part<'a> {
     pub sides: &'a [Side],
     /// Samples across these lines.
     pub width_px: u32,
+    /// Whether backs are left out, whatever the material says: where nobody can see them.
+    pub cull_backs: bool,
 }
 
 /// Decodes all textures of a scene and makes their mip maps.
@@ -298,13 +300,23 @@ impl View<'_> {
         material: &Material,
         id: u32,
     ) {
-        let Part { mesh, sides, width_px, .. } = *part;
+        let Part { mesh, sides, width_px, cull_backs, .. } = *part;
+        let one_sided;
+        let material = if cull_backs && material.two_sided {
+            one_sided = Material { two_sided: false, ..material.clone() };
+            &one_sided
+        } else {
+            material
+        };
         let relative = DAffine3::from_translation(mesh.origin() - self.eye);
         let surface = Surface { mesh, triangles: mesh.triangles(), material, relative };
         let state = self.draw_surface(rasteriser, target, &surface, Ids::Constant(id));
         let segments: Vec<[Vec3; 2]> =
             sides.iter().map(|s| s.corners().map(|c| mesh.corners(s.triangle as usize)[c])).collect();
-        let clip_from_local = self.clip_from_relative * DMat4::from(relative);
+        // Behind the surface by a line's width: only where there is a gap are lines nearer than what is drawn.
+        let px = 2.0 / (f64::from(target.height()) * self.clip_from_relative.row(1).truncate().length());
+        let recede = DVec3::new(1.0, 1.0, 1.0 - f64::from(width_px) * px);
+        let clip_from_local = DMat4::from_scale(recede) * self.clip_from_relative * DMat4::from(relative);
         let lines = LineDraw { segments: &segments, colour: Vec4::ONE, width_px, clip_from_local, state };
         let shader = SurfaceShader::new(&surface, self);
         rasteriser.draw_lines_shaded(target, &lines, |segment, t, step| {

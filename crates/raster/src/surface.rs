@@ -10,12 +10,14 @@ use glam::{DAffine3, Mat3, Vec2, Vec3, Vec4};
 use std::cell::Cell;
 
 /// A side of a triangle of a mesh.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     /// The triangle.
     pub triangle: u32,
     /// The corner it begins at, 0 to 2; it ends at the next.
     pub corner: u32,
+    /// Unit normal of the surface around it: the triangle may be a sliver, whose own means nothing.
+    pub normal: Vec3,
 }
 
 impl Side {
@@ -62,36 +64,37 @@ impl<'a> SurfaceShader<'a> {
         }
     }
 
-    /// A point of a side, at `t` along it; a pixel farther it is at `t + step`. Sides of triangles that are not drawn are not either.
+    /// A point of a side, at `t` along it; a pixel farther it is at `t + step`. Backs that are not drawn have no sides either.
     pub fn shade_side(&self, side: Side, t: f32, step: f32) -> Option<Vec4> {
         let [from, to] = side.corners();
         let (mut weights, mut gradient) = (Vec3::ZERO, Vec3::ZERO);
         (weights[from], weights[to]) = (1.0 - t, t);
         (gradient[from], gradient[to]) = (-step, step);
-        let Surface { mesh, triangles, material, relative } = &self.surface;
-        let [a, b, c] = triangles[side.triangle as usize]
-            .map(|i| relative.transform_point3(mesh.positions()[i as usize].as_dvec3()));
-        // The same orientation as on the screen.
-        let away = (b - a).cross(c - a).dot(a) * relative.matrix3.determinant() > 0.0;
-        if away && !material.two_sided {
+        let corners = self.surface.triangles[side.triangle as usize].map(|i| i as usize);
+        let faces = [side.normal, (self.normal_matrix * side.normal).normalize_or_zero()];
+        let away = faces[1].dot(self.point(corners, weights)) > 0.0;
+        if away && !self.surface.material.two_sided {
             return None;
         }
-        self.shade_at(side.triangle, weights, || [gradient; 2])
+        self.shade_at(corners, weights, faces, || [gradient; 2])
     }
 
-    /// The colour of a point of a triangle, premultiplied; `None` in a hole.
-    fn shade_at(&self, triangle: u32, weights: Vec3, gradients: impl FnOnce() -> [Vec3; 2]) -> Option<Vec4> {
-        let corners = self.surface.triangles[triangle as usize].map(|i| i as usize);
+    /// The colour of a point, premultiplied; `None` in a hole. `faces` are the flat normal there: of the mesh, and in world axes.
+    fn shade_at(
+        &self,
+        corners: [usize; 3],
+        weights: Vec3,
+        faces: [Vec3; 2],
+        gradients: impl FnOnce() -> [Vec3; 2],
+    ) -> Option<Vec4> {
         let albedo = self.albedo(corners, weights, gradients);
         let alpha = match self.surface.material.alpha {
             AlphaMode::Mask { cutoff } if albedo.w < cutoff => return None,
             AlphaMode::Blend => albedo.w.clamp(0.0, 1.0),
             _ => 1.0,
         };
-        let p = corners.map(|i| self.surface.mesh.positions()[i]);
-        let local = p[0] * weights.x + p[1] * weights.y + p[2] * weights.z;
-        let point = self.surface.relative.transform_point3(local.as_dvec3()).as_vec3();
-        let [normal, face] = self.normals(triangle, corners, weights, point);
+        let point = self.point(corners, weights);
+        let [normal, face] = self.normals(corners, weights, faces, point);
         let light = self.lighting.radiance(point, normal, face);
         let mut colour = albedo.truncate() * light * self.exposure;
         if let Some((distance, horizon)) = self.haze {
@@ -115,11 +118,15 @@ impl<'a> SurfaceShader<'a> {
         albedo
     }
 
-    /// Shading normal and face normal, in world axes.
-    fn normals(&self, triangle: u32, corners: [usize; 3], weights: Vec3, point: Vec3) -> [Vec3; 2] {
-        let smooth = self.surface.mesh.normals().map_or(Vec3::ZERO, |n| {
-            n[corners[0]] * weights.x + n[corners[1]] * weights.y + n[corners[2]] * weights.z
-        });
+    /// A point relative to the eye.
+    fn point(&self, corners: [usize; 3], weights: Vec3) -> Vec3 {
+        let p = corners.map(|i| self.surface.mesh.positions()[i]);
+        let local = p[0] * weights.x + p[1] * weights.y + p[2] * weights.z;
+        self.surface.relative.transform_point3(local.as_dvec3()).as_vec3()
+    }
+
+    /// The normal of a triangle: of the mesh, and in world axes.
+    fn faces(&self, triangle: u32, corners: [usize; 3]) -> [Vec3; 2] {
         let (known, mut faces) = self.face.get();
         if known != triangle {
             let p = corners.map(|i| self.surface.mesh.positions()[i].as_dvec3());
@@ -127,6 +134,14 @@ impl<'a> SurfaceShader<'a> {
             faces = [local, (self.normal_matrix * local).normalize_or_zero()];
             self.face.set((triangle, faces));
         }
+        faces
+    }
+
+    /// Shading normal and face normal, in world axes.
+    fn normals(&self, corners: [usize; 3], weights: Vec3, faces: [Vec3; 2], point: Vec3) -> [Vec3; 2] {
+        let smooth = self.surface.mesh.normals().map_or(Vec3::ZERO, |n| {
+            n[corners[0]] * weights.x + n[corners[1]] * weights.y + n[corners[2]] * weights.z
+        });
         let [local, face] = faces;
         let normal = if smooth == Vec3::ZERO { local } else { smooth };
         let normal = (self.normal_matrix * normal).normalize_or_zero();
@@ -148,6 +163,8 @@ fn linear_colour([r, g, b, a]: [u8; 4]) -> Vec4 {
 
 impl PixelShader for SurfaceShader<'_> {
     fn shade(&self, fragment: &Fragment) -> Option<Vec4> {
-        self.shade_at(fragment.triangle, fragment.weights(), || fragment.weight_gradients())
+        let corners = self.surface.triangles[fragment.triangle as usize].map(|i| i as usize);
+        let faces = self.faces(fragment.triangle, corners);
+        self.shade_at(corners, fragment.weights(), faces, || fragment.weight_gradients())
     }
 }
