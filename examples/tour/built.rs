@@ -68,9 +68,8 @@ impl Built {
         tell("hierarchies of what is large");
         let start = Instant::now();
         let (surfaces, why) = surfaces::build_all(&input.scene, folder)?;
-        steps.extend(surfaces.iter().map(|s| (s.text(&input.scene), Duration::ZERO)));
         if !surfaces.is_empty() {
-            steps.push(("hierarchies of what is large".into(), start.elapsed()));
+            steps.push((surfaces::text(&surfaces), start.elapsed()));
         }
         steps.extend(why.map(|why| (why, Duration::ZERO)));
 

@@ -21,7 +21,7 @@ struct Learned {
 const TEXEL: Millis = Millis(5e-6);
 const WEIGHT: f64 = 0.3;
 /// What a sample of a map takes: its part of the difference between soft and hard shadows. As many are taken for every pixel, so that no frame tells.
-const TAP: Millis = Millis(4e-6);
+pub const TAP: Millis = Millis(3e-6);
 
 impl CostModel for Learned {
     fn time(&self, work: &Work) -> Millis {

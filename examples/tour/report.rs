@@ -1,8 +1,8 @@
 //! The page about a walk through a scene.
 
+use crate::effects;
 use crate::frames::FrameReport;
 use crate::input::Input;
-use crate::nodes::NodesReport;
 use crate::page::Page;
 use crate::sun::ShadowReport;
 use crate::{Shown, Walked};
@@ -91,7 +91,8 @@ fn moment(page: &mut Page, walked: &Walked) {
     page.heading("A moment at full rate");
     page.paragraph(&format!(
         "Frames a sixtieth of a second apart. A picture of an object serves again while it is off by no more than the tolerance, and the cuts of what moves are \
-         looked at only where the eye's way since may have changed them. In all {}.",
+         looked at only where the eye's way since may have changed them. Nodes of hierarchies that were not read in time are missing: coarser ones stand for them, off by \
+         more. In all {}.",
         walked.pictures
     ));
     page.table(&moment_table(walked.moment.iter().chain([&last.report])));
@@ -115,7 +116,10 @@ fn moment_table<'a>(frames: impl Iterator<Item = &'a FrameReport>) -> Vec<Vec<St
         "drawn again",
         "parallax px",
         "ms for them",
-        "nodes looked at",
+        "tests of cuts",
+        "nodes drawn",
+        "missing",
+        "off by px",
         "triangles",
         "culling ms",
         "foretold",
@@ -129,6 +133,9 @@ fn moment_table<'a>(frames: impl Iterator<Item = &'a FrameReport>) -> Vec<Vec<St
             format!("{:.2}", f.pictures.parallax),
             format!("{:.1}", f.pictures.time.0),
             f.tests.to_string(),
+            f.nodes.nodes.to_string(),
+            f.nodes.missing.to_string(),
+            format!("{:.2}", f.nodes.error_px),
             f.counters.triangles.to_string(),
             format!("{:.1}", f.culling.0),
             format!("{:.0}", f.predicted.0),
@@ -148,14 +155,8 @@ fn decisions(page: &mut Page, built: &[(String, Duration)], frames: &[Shown]) {
     page.table(&std::iter::once(vec!["what".into(), "time".into()]).chain(rows).collect::<Vec<_>>());
     page.heading("What was decided, and what that saved");
     page.table(&decision_table(frames));
-    let drawn = frames.iter().map(|f| &f.report.nodes);
-    if drawn.clone().any(|n| n.surfaces > 0) {
-        page.paragraph(
-            "Large surfaces are read from hierarchies on disk, as nodes that are as coarse as they may be where they are. Of each frame the error that its nodes have: proven for \
-             the shape, estimated for where colours and normals belong.",
-        );
-        page.table(&node_table(drawn));
-    }
+    effects::nodes(page, frames);
+    effects::shadows(page, frames);
     page.paragraph(
         "Some frames were drawn without a plan as well: all triangles of all objects in view, and the finest shadow maps. \
          Changed are pixels that differ by more than 4 of 255.",
@@ -215,34 +216,6 @@ fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
     rows
 }
 
-/// What was drawn of hierarchies, frame by frame.
-fn node_table<'a>(frames: impl Iterator<Item = &'a NodesReport>) -> Vec<Vec<String>> {
-    let names = [
-        "frame",
-        "surfaces",
-        "nodes",
-        "triangles",
-        "off by px",
-        "looks off by px",
-        "nodes missing",
-        "MB in memory",
-    ];
-    let row = |(i, n): (usize, &NodesReport)| {
-        [
-            i.to_string(),
-            n.surfaces.to_string(),
-            n.nodes.to_string(),
-            n.triangles.to_string(),
-            format!("{:.3}", n.error_px),
-            format!("{:.3}", n.look_px),
-            n.missing.to_string(),
-            format!("{:.1}", n.bytes as f64 * 1e-6),
-        ]
-        .to_vec()
-    };
-    std::iter::once(head(names)).chain(frames.enumerate().map(row)).collect()
-}
-
 /// Planned frames beside the same with everything on.
 fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
     let names = [
@@ -285,7 +258,7 @@ fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
 }
 
 /// The first row of a table.
-fn head<const N: usize>(names: [&str; N]) -> Vec<String> {
+pub fn head<const N: usize>(names: [&str; N]) -> Vec<String> {
     names.map(String::from).to_vec()
 }
 
@@ -296,7 +269,7 @@ fn short(x: f64) -> String {
 }
 
 /// Number and size of shadow maps.
-fn maps(shadow: &ShadowReport) -> String {
+pub fn maps(shadow: &ShadowReport) -> String {
     match shadow.maps {
         1 => format!("{}²", shadow.side),
         n => format!("{n} × {}²", shadow.side),

@@ -35,6 +35,8 @@ pub struct ShadowReport {
     /// Samples for a point, one for hard shadows; and the pixels that a penumbra covers at most.
     pub taps: u32,
     pub penumbra_px: f64,
+    /// Points that were taken to be shaded.
+    pub samples: f64,
     pub casters_drawn: usize,
     /// Triangles of these.
     pub triangles: u64,
@@ -58,6 +60,8 @@ pub struct Sun {
     casters: Vec<u32>,
     /// Widest penumbra in view, in pixels.
     penumbra_px: f64,
+    /// Points that are shaded.
+    samples: f64,
 }
 
 /// The scene as a frame has it.
@@ -115,6 +119,7 @@ impl Sun {
             cascades: [None; 3],
             casters: Vec::new(),
             penumbra_px: 0.0,
+            samples: 0.0,
         })
     }
 
@@ -234,6 +239,7 @@ impl Sun {
         receivers: &[DAabb],
         samples: f64,
     ) -> LightView {
+        self.samples = samples;
         let view = match &self.fitted {
             Err(skip) => return LightView::skipped(*skip),
             Ok(view) => view,
@@ -304,6 +310,7 @@ impl Sun {
             uniform: single.texel_uniform.value * f64::from(single.side) / f64::from(views[0].0.side),
             taps,
             penumbra_px: self.penumbra_px,
+            samples: self.samples,
             casters_drawn,
             triangles: rasteriser.counters.triangles - triangles,
             time: took(before),

@@ -64,21 +64,19 @@ impl Surface {
         let store = Arc::new(Store::open(path)?);
         Ok(Self { instance, store, closed: mesh.report().is_closed() && volume(mesh) > 0.0 })
     }
+}
 
-    /// What it is, in words.
-    pub fn text(&self, scene: &Scene) -> String {
-        let tree = self.store.tree();
-        let root = tree.root().map_or(0, |r| tree.triangles(r, Mesh::Full));
-        let looks =
-            if tree.root().is_some_and(|r| tree.look_error(r).is_some()) { ", with its looks" } else { "" };
-        let name = &scene.instances()[self.instance as usize].name;
-        let name = if name.is_empty() { format!("object {}", self.instance) } else { name.clone() };
-        format!(
-            "a hierarchy of {name}{looks}: {} triangles, {} nodes, {root} triangles in the root, errors proven",
-            tree.input_triangles(),
-            tree.ids().len()
-        )
-    }
+/// What hierarchies there are, in words.
+pub fn text(surfaces: &[Surface]) -> String {
+    let sum = |of: fn(&Store) -> u64| surfaces.iter().map(|s| of(&s.store)).sum::<u64>();
+    let in_root = |s: &Store| s.tree().root().map_or(0, |r| s.tree().triangles(r, Mesh::Full).into());
+    format!(
+        "{} hierarchies of what is large, for what is seen and for its shadows: {} triangles in {} nodes, {} in the roots, errors proven",
+        surfaces.len(),
+        sum(|s| s.tree().input_triangles()),
+        sum(|s| s.tree().ids().len() as u64),
+        sum(in_root)
+    )
 }
 
 /// An instance's mesh where it is placed, with the attributes that show.
