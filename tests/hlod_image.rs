@@ -2,12 +2,15 @@
 
 use farsight_geometry::distance::closest_on_triangle;
 use farsight_geometry::glam::{DVec3, Vec3, dvec3};
+use farsight_geometry::scene::{Light, Material, Scene};
 use farsight_geometry::{Camera, ClipConvention, TriangleMesh, hard_cases};
 use farsight_hlod::{
     BuildOptions, HlodError, NodeMesh, Selection, Selector, Store, Tier, ViewOptions, build, no_progress,
 };
 use farsight_raster::scenes::vertex_normals;
-use farsight_raster::{Draw, LineDraw, Outputs, Rasteriser, State, Target};
+use farsight_raster::{
+    Draw, LineDraw, Outputs, Part, Rasteriser, RenderOptions, Side, State, Target, render_scene,
+};
 
 /// Side of the pictures.
 const SIDE: u32 = 800;
@@ -182,6 +185,79 @@ fn nothing_moves_too_far_and_nothing_is_left_open() {
                     }
                 }
                 assert_eq!(left, 0, "{case}: holes");
+            }
+        }
+    }
+}
+
+/// The triangles that a node's rims are sides of, with the normals around them.
+fn sides(mesh: &TriangleMesh, rims: &[[u32; 2]]) -> Vec<Side> {
+    let normals = vertex_normals(mesh);
+    let side = |&[a, b]: &[u32; 2]| {
+        let has = |t: &[u32; 3], k: usize| [[a, b], [b, a]].contains(&[t[k], t[(k + 1) % 3]]);
+        let at = |(i, t): (u32, &[u32; 3])| (0..3).find(|&k| has(t, k)).map(|k| (i, k as u32));
+        let (triangle, corner) = (0..).zip(mesh.triangles()).find_map(at)?;
+        Some(Side { triangle, corner, normal: (normals[a as usize] + normals[b as usize]).normalize() })
+    };
+    rims.iter().filter_map(side).collect()
+}
+
+#[test]
+fn parts_of_a_scene_leave_no_holes_and_no_specks() {
+    let mesh = ball(48);
+    let store = store("parts", &mesh, Tier::Verified);
+    let mut scene = Scene::of_mesh(mesh.clone());
+    let direction = dvec3(0.4, 0.5, -0.8).normalize();
+    scene
+        .add_light(Light::Directional { direction, irradiance: Vec3::splat(2.5), angular_radius: 0.0 })
+        .unwrap();
+    assert!(scene.materials().is_empty() && Material::default().two_sided);
+    let (mut selector, mut selection) = (Selector::new(), Selection::default());
+    for (view, camera) in cameras().iter().enumerate() {
+        let draw = |parts: &[Part], forms: &[Option<&[[u32; 3]]>], outputs: Outputs| {
+            let mut options = RenderOptions::default();
+            (options.supersampling, options.sky, options.parts, options.forms) = (1, None, parts, forms);
+            options.outputs = outputs;
+            let fine = camera.with_image(SIDE, SIDE).unwrap();
+            render_scene(&mut Rasteriser::new(), &scene, &fine, &options).unwrap().0
+        };
+        let whole = draw(&[], &[], Outputs::ALL);
+        for error_px in [0.5, 2.0] {
+            selector.select(store.tree(), camera, &ViewOptions::error(error_px), |_| true, &mut selection);
+            let nodes: Vec<(TriangleMesh, Vec<Side>)> = selection
+                .drawn
+                .iter()
+                .map(|d| {
+                    let mut node = NodeMesh::default();
+                    store.read(d.node, farsight_hlod::Mesh::Full, &mut node).unwrap();
+                    let mesh = node.to_mesh().unwrap();
+                    let sides = sides(&mesh, &node.rims);
+                    assert_eq!(sides.len(), node.rims.len());
+                    (mesh, sides)
+                })
+                .collect();
+            for cull_backs in [false, true] {
+                let part = |(mesh, sides)| Part { instance: 0, mesh, sides, width_px: FINE, cull_backs };
+                let parts: Vec<Part> = nodes.iter().map(|(m, s)| part((m, &s[..]))).collect();
+                let nothing: [Option<&[[u32; 3]]>; 1] = [Some(&[])];
+                let drawn = draw(&parts, &nothing, Outputs::ALL);
+                let case = format!("view {view} at {error_px} px, backs culled: {cull_backs}");
+                assert_eq!(holes(&covered(&whole), &covered(&drawn)), 0, "{case}");
+                // What is far from an edge of the picture has about the colour it had: flat triangles a little larger, and no slivers that catch the light.
+                let grey = |t: &Target, i: usize| {
+                    t.colour((i % SIDE as usize) as u32, (i / SIDE as usize) as u32)[1]
+                };
+                let (a, b) = (covered(&whole), covered(&drawn));
+                let both: Vec<usize> = (0..a.len()).filter(|&i| a[i] && b[i]).collect();
+                let off = both.iter().filter(|&&i| (grey(&whole, i) - grey(&drawn, i)).abs() > 0.2).count();
+                let share = off as f64 / both.len().max(1) as f64;
+                println!(
+                    "{case}: {} nodes, {:.3} % of {} pixels off",
+                    parts.len(),
+                    100.0 * share,
+                    both.len()
+                );
+                assert!(share < 0.02, "{case}: {share}");
             }
         }
     }

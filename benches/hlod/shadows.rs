@@ -4,11 +4,10 @@ use crate::path::Cache;
 use farsight_geometry::glam::{DMat4, DVec3, Vec3};
 use farsight_geometry::{Camera, DAabb};
 use farsight_hlod::{CasterLight, Casters, Mesh, Selection, Store, select_casters};
-use farsight_raster::{Rasteriser, ShadowMap, ShadowOptions};
+use farsight_raster::{Penumbra, Rasteriser, ShadowMap, ShadowOptions};
 use farsight_shadow::penumbra::caster::{Source, Tolerance, tolerance};
-use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight, Warp};
+use farsight_shadow::{Focus, MapOptions, Scope, ShadowLight};
 use std::error::Error;
-use std::f32::consts::TAU;
 
 /// Texels on a side of the map.
 const SIDE: u32 = 2048;
@@ -37,20 +36,8 @@ impl Sun {
 /// A map and how to ask it.
 pub struct Shadow {
     map: ShadowMap,
-    matrix: DMat4,
     /// Error of the casters: receivers are lifted by it, or what is drawn below them by less than either error would be dark.
     error: f32,
-    soft: Option<Penumbra>,
-}
-
-#[derive(Clone, Copy)]
-struct Penumbra {
-    /// Texels of penumbra on either side of the edge per unit of depth between caster and receiver.
-    texels_per_depth: f32,
-    /// Offset along the normal that keeps a plane from shadowing itself.
-    lift: f32,
-    /// Widest search, in texels.
-    most: f32,
 }
 
 /// How fine casters may be left, with the least distance of what is seen.
@@ -101,67 +88,28 @@ pub fn draw(
         return Ok(None);
     }
     let options = MapOptions::new(SIDE);
-    // A penumbra is as wide in all texels of a uniform map.
-    let options = if sun == Sun::Hard { options } else { options.with_warp(Warp::Uniform) };
     let view = focus.map(&options, None);
-    let matrix = view.clip_from_relative;
-    let mut map = ShadowMap::new(SIDE, matrix, view.origin, -direction, ShadowOptions::default())?;
+    let mut options = ShadowOptions::default();
+    options.penumbra =
+        (sun != Sun::Hard).then(|| Penumbra { angular_radius: (0.5 * sun.diameter()) as f32, taps: TAPS });
+    let mut map = ShadowMap::new(SIDE, view.clip_from_relative, view.origin, -direction, options)?;
     let mut rasteriser = Rasteriser::new();
     for &n in &casters.drawn {
         let node = cache.mesh(n, Mesh::Shape);
         let relative = DMat4::from_translation(node.origin - view.origin);
         map.draw(&mut rasteriser, &node.positions, node.indices.as_chunks::<3>().0, relative);
     }
-    let per_unit = |row: usize| matrix.row(row).truncate().length();
-    let texels = 0.5 * f64::from(SIDE) * per_unit(0).max(per_unit(1));
-    let soft = (sun != Sun::Hard).then(|| Penumbra {
-        texels_per_depth: (texels * (0.5 * sun.diameter()).tan() / per_unit(2)) as f32,
-        lift: (3.0 / texels) as f32,
-        most: 48.0,
-    });
     let error = casters.error.map_or(0.0, |e| e.value) as f32;
-    Ok(Some(Shadow { map, matrix, error, soft }))
+    Ok(Some(Shadow { map, error }))
 }
 
 impl Shadow {
     /// Share of the sun that reaches a point, relative to the map's origin.
     pub fn lit(&self, point: Vec3, normal: Vec3) -> f32 {
-        let point = point + normal * self.error;
-        match self.soft {
-            None => self.map.lit_relative(point, normal),
-            Some(penumbra) => self.soft_lit(penumbra, point + normal * penumbra.lift),
-        }
+        self.map.lit_relative(point + normal * self.error, normal)
     }
 
     pub fn origin(&self) -> DVec3 {
         self.map.origin()
-    }
-
-    /// Percentage-closer soft shadows: the mean depth of what is in front gives the penumbra's width, and that the filter's.
-    fn soft_lit(&self, penumbra: Penumbra, point: Vec3) -> f32 {
-        let side = SIDE as f32;
-        let clip = self.matrix.as_mat4() * point.extend(1.0);
-        let (x, y) = ((0.5 + 0.5 * clip.x) * side, (0.5 - 0.5 * clip.y) * side);
-        let target = self.map.target();
-        let depth_at = |radius: f32, i: u32| {
-            // A spiral of even density.
-            let (r, angle) = (radius * ((i as f32 + 0.5) / TAPS as f32).sqrt(), i as f32 * 0.381_966 * TAU);
-            let (u, v) = (x + r * angle.cos(), y + r * angle.sin());
-            let inside = u >= 0.0 && v >= 0.0 && u < side && v < side;
-            if inside { target.depth(u as u32, v as u32) } else { 0.0 }
-        };
-        // Below the map's range lies what nothing was drawn into.
-        let own = clip.z.max(0.0);
-        let reach = (penumbra.texels_per_depth * (1.0 - clip.z)).clamp(1.0, penumbra.most);
-        let (mut sum, mut count) = (0.0, 0.0);
-        for depth in (0..TAPS).map(|i| depth_at(reach, i)).filter(|&d| d > own) {
-            (sum, count) = (sum + depth, count + 1.0);
-        }
-        if count == 0.0 {
-            return 1.0;
-        }
-        let width = (penumbra.texels_per_depth * (sum / count - clip.z)).clamp(1.0, penumbra.most);
-        let dark = (0..TAPS).filter(|&i| depth_at(width, i) > own).count();
-        1.0 - dark as f32 / TAPS as f32
     }
 }

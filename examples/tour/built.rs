@@ -1,21 +1,26 @@
 //! What is built before the walk, so that frames have something to choose from.
 
-use crate::casters::CasterStore;
+use crate::casters::{self, CasterStore};
 use crate::cells::Cells;
 use crate::forms::{Forms, LEAST_TRIANGLES};
 use crate::input::Input;
+use crate::surfaces::{self, Surface};
 use farsight_geometry::ray::SceneCaster;
 use farsight_geometry::scene::Light;
-use std::cell::RefCell;
+use farsight_hlod::Store;
 use std::error::Error;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Everything that was built.
 pub struct Built {
     pub forms: Forms,
     pub cells: Cells,
-    pub casters: Option<RefCell<CasterStore>>,
+    /// Hierarchies of large surfaces, sorted by instance.
+    pub surfaces: Vec<Surface>,
+    /// One of the whole scene, for shadows, where there are none of large surfaces.
+    pub casters: Option<Arc<Store>>,
     /// What was done, in words, and how long it took.
     pub steps: Vec<(String, Duration)>,
 }
@@ -24,10 +29,10 @@ impl Built {
     /// Nothing: frames draw everything in full.
     pub fn nothing(input: &Input) -> Result<Self, Box<dyn Error>> {
         let forms = Forms::build(&input.scene, usize::MAX)?;
-        Ok(Self { forms, cells: Cells::default(), casters: None, steps: Vec::new() })
+        Ok(Self { forms, cells: Cells::default(), surfaces: Vec::new(), casters: None, steps: Vec::new() })
     }
 
-    /// Coarser forms of the meshes, sets of what can be seen from around the walk's viewpoints, and a hierarchy of shadow casters in `folder`. `tell`
+    /// Coarser forms of the meshes, sets of what can be seen from around the walk's viewpoints, and hierarchies in `folder` of what is large, or of all shadow casters. `tell`
     /// hears what is being done.
     pub fn build(
         input: &Input,
@@ -60,17 +65,32 @@ impl Built {
         if cells.iter().next().is_some() {
             steps.push(("all these sets".into(), start.elapsed()));
         }
+        tell("hierarchies of what is large");
+        let start = Instant::now();
+        let (surfaces, why) = surfaces::build_all(&input.scene, folder)?;
+        if !surfaces.is_empty() {
+            steps.push((surfaces::text(&surfaces), start.elapsed()));
+        }
+        steps.extend(why.map(|why| (why, Duration::ZERO)));
+
         let sun = matches!(input.scene.lights().first(), Some(Light::Directional { .. }));
-        let casters = if sun {
+        let casters = if sun && surfaces.is_empty() {
             tell("shadow casters");
             let start = Instant::now();
-            let built = CasterStore::build(&input.scene, &folder.join("casters.hlod"))?;
-            let text = built.as_ref().map_or_else(String::clone, CasterStore::text);
+            let built = casters::build_whole(&input.scene, &folder.join("casters.hlod"))?;
+            let text = built.as_ref().map_or_else(String::clone, |store| casters::text(store));
             steps.push((text, if built.is_ok() { start.elapsed() } else { Duration::ZERO }));
-            built.ok().map(RefCell::new)
+            built.ok()
         } else {
             None
         };
-        Ok(Self { forms, cells, casters, steps })
+        Ok(Self { forms, cells, surfaces, casters, steps })
+    }
+
+    /// What may throw shadows in place of the objects.
+    pub fn caster_stores(&self) -> Vec<CasterStore> {
+        let whole = self.casters.iter().map(|store| CasterStore::new(store.clone(), None));
+        let own = self.surfaces.iter().map(|s| CasterStore::new(s.store.clone(), Some(s.instance)));
+        whole.chain(own).collect()
     }
 }

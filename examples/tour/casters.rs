@@ -11,43 +11,57 @@ use farsight_raster::{Rasteriser, ShadowMap};
 use std::collections::HashMap;
 use std::error::Error;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Most triangles that a hierarchy is built of: more would keep a tour waiting.
 const MOST_TRIANGLES: u64 = 250_000;
 /// Fewer are sooner drawn than chosen among.
 const LEAST_TRIANGLES: u64 = 20_000;
 
-/// The hierarchy, and the nodes that have been drawn.
+/// A hierarchy of casters, and the nodes that have been drawn.
 pub struct CasterStore {
-    store: Store,
+    store: Arc<Store>,
+    /// The object that it stands for; `None` for all that stands still.
+    object: Option<u32>,
     nodes: HashMap<NodeId, NodeMesh>,
     chosen: Casters,
+    /// Whether it is drawn in this frame.
+    pub used: bool,
+}
+
+/// Builds the hierarchy of a scene into a file, if that is worth it: the reason if not.
+pub fn build_whole(scene: &Scene, path: &Path) -> Result<Result<Arc<Store>, String>, Box<dyn Error>> {
+    let triangles = scene.placed_triangles();
+    if scene.materials().iter().any(|m| m.alpha != AlphaMode::Opaque) {
+        return Ok(Err("no hierarchy of shadow casters: some objects have holes".into()));
+    }
+    if !(LEAST_TRIANGLES..=MOST_TRIANGLES).contains(&triangles) {
+        let range = format!("worth it between {LEAST_TRIANGLES} and {MOST_TRIANGLES}");
+        return Ok(Err(format!("no hierarchy of all shadow casters: {triangles} triangles, {range}")));
+    }
+    let mesh = scene.flattened()?;
+    let options = BuildOptions::default().with_appearance(false).with_tier(Tier::Verified);
+    build([Ok::<_, HlodError>(&mesh)], path, &options, &no_progress)?;
+    Ok(Ok(Arc::new(Store::open(path)?)))
+}
+
+/// What the hierarchy of a whole scene is, in words.
+pub fn text(store: &Store) -> String {
+    let tree = store.tree();
+    let root = tree.root().map_or(0, |r| tree.triangles(r, Mesh::Shape));
+    let nodes = tree.ids().len();
+    format!("a hierarchy of shadow casters: {nodes} nodes, {root} triangles in the root, errors proven")
 }
 
 impl CasterStore {
-    /// Builds the hierarchy of a scene into a file, if that is worth it: the reason if not.
-    pub fn build(scene: &Scene, path: &Path) -> Result<Result<Self, String>, Box<dyn Error>> {
-        let triangles = scene.placed_triangles();
-        if scene.materials().iter().any(|m| m.alpha != AlphaMode::Opaque) {
-            return Ok(Err("no hierarchy of shadow casters: some objects have holes".into()));
-        }
-        if !(LEAST_TRIANGLES..=MOST_TRIANGLES).contains(&triangles) {
-            let range = format!("worth it between {LEAST_TRIANGLES} and {MOST_TRIANGLES}");
-            return Ok(Err(format!("no hierarchy of shadow casters: {triangles} triangles, {range}")));
-        }
-        let mesh = scene.flattened()?;
-        let options = BuildOptions::default().with_appearance(false).with_tier(Tier::Verified);
-        build([Ok::<_, HlodError>(&mesh)], path, &options, &no_progress)?;
-        let store = Store::open(path)?;
-        Ok(Ok(Self { store, nodes: HashMap::new(), chosen: Casters::default() }))
+    /// Casters from a hierarchy of an object, or of all that stands still.
+    pub fn new(store: Arc<Store>, object: Option<u32>) -> Self {
+        Self { store, object, nodes: HashMap::new(), chosen: Casters::default(), used: false }
     }
 
-    /// What it is, in words.
-    pub fn text(&self) -> String {
-        let tree = self.store.tree();
-        let root = tree.root().map_or(0, |r| tree.triangles(r, Mesh::Shape));
-        let nodes = tree.ids().len();
-        format!("a hierarchy of shadow casters: {nodes} nodes, {root} triangles in the root, errors proven")
+    /// Whether it stands for an object, where those from `first_mover` on move.
+    pub fn covers(&self, object: u32, first_mover: u32) -> bool {
+        self.object.map_or(object < first_mover, |own| own == object)
     }
 
     /// Chooses the casters for what is seen, such that no shadow's edge moves by more than `px` pixels; returns the number of their triangles.

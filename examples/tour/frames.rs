@@ -6,12 +6,14 @@ use crate::compare::Comparison;
 use crate::cull::Visibility;
 use crate::forms::Forms;
 use crate::movers::Movers;
-use crate::pictures::{Drawn, Pictures};
+use crate::nodes::{Nodes, NodesReport};
+use crate::pictures::Pictures;
 use crate::planning::Planning;
+use crate::shaping::Shaping;
 use crate::sun::{ShadowReport, Stage, Sun};
 use farsight_geometry::bvh::Bvh;
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
-use farsight_plan::{Budget, Choice, Effect, Layout, ObjectView, Plan, Tolerances};
+use farsight_plan::{Budget, Choice, Effect, Layout, Plan, Tolerances};
 use farsight_raster::{
     Counters, MipMap, Rasteriser, RenderOptions, ShadowMap, Target, mip_maps, render_scene, thread_cpu_time,
 };
@@ -32,6 +34,8 @@ pub struct FrameReport {
     pub shadow: Option<ShadowReport>,
     /// Pictures that stood for objects.
     pub pictures: PictureReport,
+    /// Nodes of hierarchies that stood for large surfaces.
+    pub nodes: NodesReport,
     /// Nodes of the movers' hierarchies that were looked at.
     pub tests: u64,
     /// Processor time as foretold, and as it was.
@@ -58,8 +62,23 @@ pub fn took(since: Duration) -> Millis {
     Millis::from(thread_cpu_time() - since)
 }
 
-/// Triangles drawn in place of an object's own; `None` for its own.
-type Shape<'s> = Option<&'s [[u32; 3]]>;
+/// How a frame follows the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Some time later, on the same way.
+    Walk,
+    /// From somewhere else.
+    Jump,
+    /// A moment later: nothing may wait.
+    Flow,
+}
+
+/// How shadows may be at most: the side of their maps, and half of the angle that the sun spans.
+#[derive(Clone, Copy)]
+pub struct Shadows {
+    pub map_side: u32,
+    pub sun_radius: f64,
+}
 
 /// Draws frames of a scene, keeping what can be kept from one to the next.
 pub struct Renderer<'a> {
@@ -75,7 +94,8 @@ pub struct Renderer<'a> {
     planning: Planning<'a>,
     textures: Vec<MipMap>,
     rasteriser: Rasteriser,
-    sun: Option<Sun<'a>>,
+    sun: Option<Sun>,
+    nodes: Nodes,
     receivers: Vec<DAabb>,
     options: RenderOptions<'a>,
     map_side: u32,
@@ -106,14 +126,15 @@ impl<'a> Renderer<'a> {
         movers: Option<Movers>,
         size: [u32; 2],
         options: RenderOptions<'a>,
-        map_side: u32,
+        shadows: Shadows,
         budget: Budget,
     ) -> Result<Self, Box<dyn Error>> {
         let [width, height] = size.map(|side| side * options.supersampling);
         let bounds = scene.instance_bounds();
-        let sun = Sun::of(scene, map_side, built.casters.as_ref());
+        let Shadows { map_side, sun_radius } = shadows;
+        let sun = Sun::of(scene, map_side, sun_radius, built.caster_stores());
         let planning =
-            Planning::new(scene, &built.forms, sun.is_some().then_some(map_side), width * height, budget)?;
+            Planning::new(scene, &built.forms, sun.as_ref().map(Sun::light), width * height, budget)?;
         Ok(Self {
             forms: &built.forms,
             cells: &built.cells,
@@ -128,6 +149,7 @@ impl<'a> Renderer<'a> {
             textures: mip_maps(scene),
             rasteriser: Rasteriser::new(),
             sun,
+            nodes: Nodes::new(&built.surfaces)?,
             receivers: Vec::new(),
             options,
             map_side,
@@ -152,28 +174,30 @@ impl<'a> Renderer<'a> {
         Ok(())
     }
 
-    /// Draws what the plan for this view asks for; `jumped` where the eye is not on its way from the last frame.
-    pub fn planned(
-        &mut self,
-        camera: &Camera,
-        jumped: bool,
-    ) -> Result<(Target, FrameReport), Box<dyn Error>> {
+    /// Draws what the plan for this view asks for.
+    pub fn planned(&mut self, camera: &Camera, pace: Pace) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = thread_cpu_time();
-        let plan = self.plan(camera, jumped)?;
+        let plan = self.plan(camera, pace == Pace::Jump)?;
         let predicted = plan.cost + self.planning.constant();
         let map = match choice(&plan, Effect::Shadow { light: 0 }) {
-            Choice::Map { layout, side, .. } => self.draw_map(camera, side, layout, true)?,
+            Choice::Map { layout, side, taps, .. } => self.draw_map(camera, side, layout, taps, true)?,
             _ => None,
         };
         let (map, shadow) = map.unzip();
 
         let allowed_px = self.tolerances.position_px * plan.allowed;
         self.follow_movers(&plan, camera, allowed_px)?;
+        let of_detail = |object: u32| match plan.objects()[object as usize].choice {
+            Choice::Detail { detail, .. } => Some(detail),
+            _ => None,
+        };
+        let drawn_nodes = self.nodes.choose(camera, of_detail, pace != Pace::Flow)?;
         let fine = self.fine(camera)?;
         let first_mover = self.first_mover;
-        let Self { scene, forms, cells, movers, pictures, visibility, planning, rasteriser, .. } = self;
+        let Self { scene, forms, cells, movers, nodes, pictures, visibility, planning, rasteriser, .. } =
+            self;
         let (movers, seen) = (movers.as_ref(), planning.seen());
-        let shaping = Shaping { scene, forms, movers, seen, plan: &plan, allowed_px };
+        let shaping = Shaping { scene, forms, movers, nodes, seen, plan: &plan, allowed_px };
         let mut shapes = shaping.shapes();
 
         let before = thread_cpu_time();
@@ -202,6 +226,8 @@ impl<'a> Renderer<'a> {
         look.quads = &quads;
         look.only = Some(&objects);
         look.forms = &shapes;
+        let parts = nodes.parts(look.supersampling);
+        look.parts = &parts;
         let (target, counters) = render_scene(rasteriser, scene, camera, &look)?;
         let drawing = took(before);
         pictures.end(camera);
@@ -222,6 +248,7 @@ impl<'a> Renderer<'a> {
             counters,
             shadow,
             pictures: PictureReport { time: making, ..pictures.report() },
+            nodes: drawn_nodes,
             tests: movers.map_or(0, |m| m.tests),
             predicted,
             time,
@@ -245,21 +272,25 @@ impl<'a> Renderer<'a> {
         let samples = f64::from(self.options.supersampling).powi(2);
         let all = f64::from(camera.width()) * f64::from(camera.height()) * samples;
         let stage = stage!(self);
-        let light = self.sun.as_mut().map(|sun| sun.summary(camera, &stage, &self.receivers, all));
         let seen = self.planning.look(camera, &self.bounds, samples);
+        let shaded = seen.iter().map(|s| s.pixels).sum::<f64>().min(all);
+        let light = self.sun.as_mut().map(|sun| sun.summary(camera, &stage, &self.receivers, shaded));
         if !jumped {
             self.pictures.forecast(self.scene, camera, seen);
         }
+        let details = |object: u32| self.forms.details(self.scene.instances()[object as usize].mesh.0);
+        self.nodes.look(camera, self.tolerances.position_px, self.planning.seen(), details);
         let cell = self.cells.at(camera.eye()).map(|c| c.view());
-        Ok(self.planning.plan(all, light, cell, jumped)?.clone())
+        Ok(self.planning.plan(all, light, cell, jumped, self.nodes.offers())?.clone())
     }
 
-    /// Draws without a plan: all triangles of everything in view, the finest shadow maps.
+    /// Draws without a plan: all triangles of everything in view, the finest shadow maps, as soft as can be.
     pub fn everything(&mut self, camera: &Camera) -> Result<(Target, FrameReport), Box<dyn Error>> {
         let start = thread_cpu_time();
         self.fit(camera)?;
         let finest = self.sun.as_ref().map_or(Layout::Warped, Sun::finest);
-        let (map, shadow) = self.draw_map(camera, self.map_side, finest, false)?.unzip();
+        let taps = self.sun.as_ref().map_or(0, Sun::most_taps).max(1);
+        let (map, shadow) = self.draw_map(camera, self.map_side, finest, taps, false)?.unzip();
         let mut objects = Vec::with_capacity(self.receivers.len());
         self.hierarchy.frustum(&Frustum::from_camera(camera), |object, _| objects.push(object));
         let mut look = self.options;
@@ -274,6 +305,7 @@ impl<'a> Renderer<'a> {
             counters,
             shadow,
             pictures: PictureReport::default(),
+            nodes: NodesReport::default(),
             tests: 0,
             predicted: Millis::ZERO,
             time: took(start),
@@ -310,12 +342,13 @@ impl<'a> Renderer<'a> {
         camera: &Camera,
         side: u32,
         layout: Layout,
+        taps: u32,
         coarse: bool,
     ) -> Result<Option<(ShadowMap, ShadowReport)>, Box<dyn Error>> {
         let stage = stage!(self);
         let Some(sun) = &mut self.sun else { return Ok(None) };
         let views = sun.views(camera, &stage, &self.receivers, side, layout)?;
-        sun.draw(&mut self.rasteriser, &views, &stage, camera, coarse)
+        sun.draw(&mut self.rasteriser, &views, &stage, camera, taps, coarse)
     }
 
     /// What became of the pictures so far, in words.
@@ -327,71 +360,4 @@ impl<'a> Renderer<'a> {
 /// What a plan has chosen for an effect; nothing where it does not speak of it.
 fn choice(plan: &Plan, effect: Effect) -> Choice {
     plan.decision(effect).map_or(Choice::Nothing, |d| d.choice)
-}
-
-/// What the objects' triangles are chosen from, and by which plan.
-struct Shaping<'s> {
-    scene: &'s Scene,
-    forms: &'s Forms,
-    movers: Option<&'s Movers>,
-    seen: &'s [ObjectView],
-    plan: &'s Plan,
-    allowed_px: f64,
-}
-
-impl<'s> Shaping<'s> {
-    /// What is drawn of every object; nothing where a picture stands for it.
-    fn shapes(&self) -> Vec<Shape<'s>> {
-        let shape = |(object, choice): (u32, Choice)| match choice {
-            Choice::Impostor { .. } => Some(&[][..]),
-            Choice::Detail { detail, .. } => {
-                let moving = self.movers.and_then(|m| m.triangles(object));
-                Some(moving.unwrap_or_else(|| self.forms.triangles(self.mesh(object), detail)))
-            }
-            _ => None,
-        };
-        (0..).zip(self.plan.objects().iter().map(|d| d.choice)).map(shape).collect()
-    }
-
-    /// Pictures for those of `objects` that are to have one, and what making them took: pictures from before where one serves, new ones until that
-    /// has taken `limit`, so that no frame is held up for those to come. An object left without is drawn as its picture would have shown it.
-    fn stand_ins(
-        &self,
-        pictures: &mut Pictures,
-        rasteriser: &mut Rasteriser,
-        camera: &Camera,
-        objects: &[u32],
-        look: &RenderOptions,
-        limit: Millis,
-        shapes: &mut [Shape<'s>],
-    ) -> Result<(Vec<Drawn>, Millis), Box<dyn Error>> {
-        let (mut drawn, mut making) = (Vec::new(), Millis::ZERO);
-        for &object in objects {
-            let Choice::Impostor { error_px } = self.plan.objects()[object as usize].choice else { continue };
-            let triangles = self.picture_of(object);
-            let mut picture = pictures.kept(camera, object, error_px)?;
-            if picture.is_none() && making < limit {
-                let before = thread_cpu_time();
-                picture = pictures.make(rasteriser, self.scene, camera, object, triangles, look)?;
-                making += took(before);
-            }
-            match picture {
-                Some(picture) => drawn.push(picture),
-                None => shapes[object as usize] = Some(triangles),
-            }
-        }
-        Ok((drawn, making))
-    }
-
-    /// What a picture of an object shows.
-    fn picture_of(&self, object: u32) -> &'s [[u32; 3]] {
-        let error = self.allowed_px / self.seen[object as usize].px_per_unit;
-        let coarse = || self.forms.within(self.mesh(object), error);
-        let whole = || self.scene.meshes()[self.mesh(object) as usize].triangles();
-        self.movers.and_then(|m| m.triangles(object)).or_else(coarse).unwrap_or_else(whole)
-    }
-
-    fn mesh(&self, object: u32) -> u32 {
-        self.scene.instances()[object as usize].mesh.0
-    }
 }

@@ -16,16 +16,21 @@ mod cells;
 mod cloud;
 mod compare;
 mod cull;
+mod effects;
 mod forms;
 mod frames;
 mod input;
 mod inside;
 mod movers;
+mod nodes;
 mod page;
+mod penumbra;
 mod pictures;
 mod planning;
 mod report;
+mod shaping;
 mod sun;
+mod surfaces;
 mod walk;
 
 use built::Built;
@@ -36,7 +41,7 @@ use farsight_geometry::io::exr::FloatImage;
 use farsight_plan::{Budget, Tolerances};
 use farsight_raster::{Image, RenderOptions, Target};
 use farsight_timing::Millis;
-use frames::{FrameReport, Renderer};
+use frames::{FrameReport, Pace, Renderer, Shadows};
 use indicatif::{ProgressBar, ProgressStyle};
 use input::Input;
 use movers::Movers;
@@ -68,6 +73,9 @@ struct Options {
     /// Processor time in milliseconds that a frame may take; without, as long as the tolerances ask for.
     #[arg(long, value_parser = positive)]
     limit: Option<f64>,
+    /// Half of the angle that the sun spans, in degrees; 0 for hard shadows.
+    #[arg(long, default_value_t = 0.27, value_parser = acute)]
+    sun_radius: f64,
     /// Aeroplanes that circle over the scene; without, a dozen over the town and none over loaded scenes.
     #[arg(long)]
     movers: Option<u32>,
@@ -101,6 +109,12 @@ impl Options {
 fn positive(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("{text} is no number"))?;
     if number.is_finite() && number > 0.0 { Ok(number) } else { Err(format!("{text} is not above zero")) }
+}
+
+/// An angle in degrees that a sun may have.
+fn acute(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text} is no number"))?;
+    if (0.0..=20.0).contains(&number) { Ok(number) } else { Err(format!("{text} is not within 0 and 20")) }
 }
 
 /// Seconds that the walk lasts, and when the moment at full rate begins, as a share of it.
@@ -190,6 +204,7 @@ fn walk_through(
 ) -> Result<Walked, Box<dyn Error>> {
     let (count, [width, height]) = (options.count(), options.size());
     let map_side = if options.quick { 1024 } else { 4096 };
+    let shadows = Shadows { map_side, sun_radius: options.sun_radius.to_radians() };
     let mut look = RenderOptions::default();
     look.up = input.up.axis();
     if !options.paths.is_empty() {
@@ -203,7 +218,7 @@ fn walk_through(
         .limit
         .map_or(Budget::unlimited(tolerances), |limit| Budget::within(Millis(limit), tolerances));
     let Input { scene, walk, .. } = input;
-    let mut renderer = Renderer::new(scene, built, movers, [width, height], look, map_side, budget)?;
+    let mut renderer = Renderer::new(scene, built, movers, [width, height], look, shadows, budget)?;
     let bar = ProgressBar::new(count as u64)
         .with_style(ProgressStyle::with_template("{msg:>10} [{bar:40}] {pos}/{len}")?);
     bar.set_message("frames");
@@ -212,8 +227,11 @@ fn walk_through(
         let time = Walk::time(i, count);
         let camera = walk.camera_at(time, width, height)?;
         renderer.fly(time * WALK)?;
-        let (target, report) =
-            if options.no_plan { renderer.everything(&camera)? } else { renderer.planned(&camera, false)? };
+        let (target, report) = if options.no_plan {
+            renderer.everything(&camera)?
+        } else {
+            renderer.planned(&camera, Pace::Walk)?
+        };
         // The first frame, one on the way and the last are drawn in full as well.
         let compared = !options.no_plan && [0, count / 2, count - 1].contains(&i);
         let comparison = compared.then(|| renderer.compared(&camera, &target)).transpose()?;
@@ -243,7 +261,7 @@ fn moment(
         let time = MOMENT + i as f64 / (60.0 * WALK);
         let camera = walk.camera_at(time, width, height)?;
         renderer.fly(time * WALK)?;
-        let (target, report) = renderer.planned(&camera, i == 0)?;
+        let (target, report) = renderer.planned(&camera, if i == 0 { Pace::Jump } else { Pace::Flow })?;
         if i + 1 == count {
             let png = Image::from_colour(&target).to_png()?;
             write(&options.out.join("moment.png"), &png)?;

@@ -1,15 +1,15 @@
 //! What each frame needs: numbers of the scene and the view, a plan, and costs learned from frames.
 
 use crate::forms::Forms;
-use crate::sun::MOST_CASCADES;
 use farsight_geometry::glam::{DAffine3, DMat3};
 use farsight_geometry::scene::{AlphaMode, Instance};
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
 use farsight_plan::{
-    Budget, CellView, CostModel, LightSummary, LightView, ObjectSummary, ObjectView, Outputs, Plan,
+    Budget, CellView, CostModel, Detail, LightSummary, LightView, ObjectSummary, ObjectView, Outputs, Plan,
     PlanError, Planner, SceneSummary, ViewSummary, Work,
 };
 use farsight_timing::{Features, Heuristic, Millis, Model, Refit, RefitOptions, TimingError};
+use std::borrow::Cow;
 
 /// Costs learned from frames: of the image term by term, of shadow maps what a texel takes beyond their triangles.
 struct Learned {
@@ -20,12 +20,13 @@ struct Learned {
 /// What a texel is taken to cost until a map was drawn, and the weight of a new measurement after that.
 const TEXEL: Millis = Millis(5e-6);
 const WEIGHT: f64 = 0.3;
+/// What a sample of a map takes: its part of the difference between soft and hard shadows. As many are taken for every pixel, so that no frame tells.
+pub const TAP: Millis = Millis(3e-6);
 
 impl CostModel for Learned {
     fn time(&self, work: &Work) -> Millis {
-        // Samples of maps are taken with the image's pixels.
         let drawn = Work { texels: 0.0, taps: 0.0, ..*work };
-        self.image.time(&drawn) + self.texel * work.texels
+        self.image.time(&drawn) + TAP * work.taps + self.texel * work.texels
     }
 }
 
@@ -65,7 +66,7 @@ impl<'a> Planning<'a> {
     pub fn new(
         scene: &Scene,
         forms: &'a Forms,
-        most_side: Option<u32>,
+        light: Option<LightSummary>,
         samples: u32,
         budget: Budget,
     ) -> Result<Self, TimingError> {
@@ -92,10 +93,7 @@ impl<'a> Planning<'a> {
             objects: scene.instances().iter().map(object).collect(),
             stretch: scene.instances().iter().map(|i| largest_stretch(&i.world_from_mesh)).collect(),
             seen: Vec::new(),
-            lights: most_side
-                .map(|most_side| LightSummary { most_side, most_cascades: MOST_CASCADES, most_taps: 0 })
-                .into_iter()
-                .collect(),
+            lights: light.into_iter().collect(),
             planner: Planner::new(),
             budget,
             costs: Learned { image: Refit::new(model, constant, refit)?, texel: TEXEL },
@@ -116,15 +114,18 @@ impl<'a> Planning<'a> {
     }
 
     /// Plans for what was seen, in an image of so many samples. `light` is what is known of the sun, `cell` of what can be seen from around the eye;
-    /// `jumped` tells whether the eye is somewhere that its way from the last frame did not lead to.
-    pub fn plan(
+    /// `offers` are forms of some objects that take the place of their own; `jumped` tells whether the eye is somewhere that its way from the last frame did not lead to.
+    pub fn plan<'o>(
         &mut self,
         samples: f64,
         light: Option<LightView>,
         cell: Option<CellView>,
         jumped: bool,
+        offers: impl Iterator<Item = (u32, &'o [Detail])>,
     ) -> Result<&Plan, PlanError> {
-        let scene = SceneSummary { objects: &self.objects, lights: &self.lights, clouds: &[] };
+        let mut objects: Cow<[ObjectSummary]> = Cow::Borrowed(&self.objects);
+        offers.for_each(|(object, details)| objects.to_mut()[object as usize].details = details);
+        let scene = SceneSummary { objects: &objects, lights: &self.lights, clouds: &[] };
         let lights: &[LightView] = if let Some(light) = &light { std::slice::from_ref(light) } else { &[] };
         let view = ViewSummary {
             pixels: samples,
@@ -160,7 +161,8 @@ impl<'a> Planning<'a> {
     /// Learns what the last frame took: the image, of which `share` was drawn as planned and the rest hidden, and its shadow map.
     pub fn learn(&mut self, share: f64, image: Millis, map: Option<Millis>) -> Result<(), TimingError> {
         let plan = self.planner.last();
-        self.costs.image.observe(&Features::from(&(plan.work * share)), image)?;
+        let drawn = (image - TAP * plan.shadow_work.taps).max(Millis::ZERO);
+        self.costs.image.observe(&Features::from(&(plan.work * share)), drawn)?;
         if let Some(took) = map {
             self.costs.learn_map(&plan.shadow_work, took);
         }

@@ -1,11 +1,12 @@
 //! The page about a walk through a scene.
 
+use crate::effects;
 use crate::frames::FrameReport;
 use crate::input::Input;
 use crate::page::Page;
 use crate::sun::ShadowReport;
 use crate::{Shown, Walked};
-use farsight_plan::{Choice, Class, Decision, Effect};
+use farsight_plan::{Choice, Class, Decision, Effect, Form};
 use std::error::Error;
 use std::time::Duration;
 
@@ -90,7 +91,8 @@ fn moment(page: &mut Page, walked: &Walked) {
     page.heading("A moment at full rate");
     page.paragraph(&format!(
         "Frames a sixtieth of a second apart. A picture of an object serves again while it is off by no more than the tolerance, and the cuts of what moves are \
-         looked at only where the eye's way since may have changed them. In all {}.",
+         looked at only where the eye's way since may have changed them. Nodes of hierarchies that were not read in time are missing: coarser ones stand for them, off by \
+         more. In all {}.",
         walked.pictures
     ));
     page.table(&moment_table(walked.moment.iter().chain([&last.report])));
@@ -114,7 +116,10 @@ fn moment_table<'a>(frames: impl Iterator<Item = &'a FrameReport>) -> Vec<Vec<St
         "drawn again",
         "parallax px",
         "ms for them",
-        "nodes looked at",
+        "tests of cuts",
+        "nodes drawn",
+        "missing",
+        "off by px",
         "triangles",
         "culling ms",
         "foretold",
@@ -128,6 +133,9 @@ fn moment_table<'a>(frames: impl Iterator<Item = &'a FrameReport>) -> Vec<Vec<St
             format!("{:.2}", f.pictures.parallax),
             format!("{:.1}", f.pictures.time.0),
             f.tests.to_string(),
+            f.nodes.nodes.to_string(),
+            f.nodes.missing.to_string(),
+            format!("{:.2}", f.nodes.error_px),
             f.counters.triangles.to_string(),
             format!("{:.1}", f.culling.0),
             format!("{:.0}", f.predicted.0),
@@ -147,6 +155,8 @@ fn decisions(page: &mut Page, built: &[(String, Duration)], frames: &[Shown]) {
     page.table(&std::iter::once(vec!["what".into(), "time".into()]).chain(rows).collect::<Vec<_>>());
     page.heading("What was decided, and what that saved");
     page.table(&decision_table(frames));
+    effects::nodes(page, frames);
+    effects::shadows(page, frames);
     page.paragraph(
         "Some frames were drawn without a plan as well: all triangles of all objects in view, and the finest shadow maps. \
          Changed are pixels that differ by more than 4 of 255.",
@@ -170,6 +180,7 @@ fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "frame",
         "out of view",
         "too small",
+        "nodes",
         "coarser",
         "pictures",
         "in full",
@@ -184,17 +195,19 @@ fn decision_table(frames: &[Shown]) -> Vec<Vec<String>> {
             Some(d) => format!("{} ({})", d.choice, d.because.class),
             None => "-".into(),
         };
-        let (coarser, full) =
-            (count(|d| matches!(d.choice, Choice::Detail { .. })), count(|d| d.choice == Choice::Full));
+        let nodes = count(|d| matches!(d.choice, Choice::Detail { form: Form::Mesh, .. }));
+        let coarser = count(|d| matches!(d.choice, Choice::Detail { .. })) - nodes;
+        let full = count(|d| d.choice == Choice::Full);
         let pictures = count(|d| matches!(d.choice, Choice::Impostor { .. }));
         let cells = [
             i.to_string(),
             count(|d| d.because.class == Class::Void).to_string(),
             count(|d| d.choice == Choice::Nothing && d.because.class != Class::Void).to_string(),
+            nodes.to_string(),
             coarser.to_string(),
             pictures.to_string(),
             full.to_string(),
-            (coarser + pictures + full).saturating_sub(frames[i].report.drawn).to_string(),
+            (nodes + coarser + pictures + full).saturating_sub(frames[i].report.drawn).to_string(),
             chosen(Effect::Occlusion),
             chosen(Effect::Shadow { light: 0 }),
         ];
@@ -245,7 +258,7 @@ fn saving_table(frames: &[Shown]) -> Vec<Vec<String>> {
 }
 
 /// The first row of a table.
-fn head<const N: usize>(names: [&str; N]) -> Vec<String> {
+pub fn head<const N: usize>(names: [&str; N]) -> Vec<String> {
     names.map(String::from).to_vec()
 }
 
@@ -256,11 +269,17 @@ fn short(x: f64) -> String {
 }
 
 /// Number and size of shadow maps.
-fn maps(shadow: &ShadowReport) -> String {
+pub fn maps(shadow: &ShadowReport) -> String {
     match shadow.maps {
         1 => format!("{}²", shadow.side),
         n => format!("{n} × {}²", shadow.side),
     }
+}
+
+/// How soft shadows are.
+fn softness(shadow: &ShadowReport) -> String {
+    let taps = if shadow.taps > 1 { format!("soft, {} samples", shadow.taps) } else { "hard".into() };
+    format!("{taps}, penumbrae at most {:.2} px", shadow.penumbra_px)
 }
 
 fn caption(i: usize, frame: &FrameReport) -> String {
@@ -269,10 +288,11 @@ fn caption(i: usize, frame: &FrameReport) -> String {
         Some(s) => {
             let plural = if s.maps > 1 { "s" } else { "" };
             format!(
-                "shadow map{plural} of {}, texel at most {:.1} px, {:.1} in one map without a warp",
+                "shadow map{plural} of {}, texel at most {:.1} px, {:.1} in one map without a warp; {}",
                 maps(s),
                 s.texel,
-                s.uniform
+                s.uniform,
+                softness(s)
             )
         }
     };
@@ -286,8 +306,10 @@ pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
         "in view",
         "drawn",
         "triangles",
+        "nodes",
         "casters",
         "maps",
+        "taps",
         "texel px",
         "foretold",
         "ms",
@@ -295,17 +317,19 @@ pub fn frame_table(frames: &[Shown]) -> Vec<Vec<String>> {
     ];
     let mut rows = vec![head(names)];
     for (i, Shown { report: f, comparison, .. }) in frames.iter().enumerate() {
-        let (casters, side, texel) = match &f.shadow {
-            Some(s) => (s.casters_drawn.to_string(), maps(s), format!("{:.2}", s.texel)),
-            None => ("-".into(), "-".into(), "-".into()),
-        };
+        let none = || ["-"; 4].map(String::from);
+        let [casters, side, taps, texel] = f.shadow.as_ref().map_or_else(none, |s| {
+            [s.casters_drawn.to_string(), maps(s), s.taps.to_string(), format!("{:.2}", s.texel)]
+        });
         rows.push(vec![
             i.to_string(),
             f.in_view.to_string(),
             f.drawn.to_string(),
             f.counters.triangles.to_string(),
+            f.nodes.nodes.to_string(),
             casters,
             side,
+            taps,
             texel,
             format!("{:.0}", f.predicted.0),
             format!("{:.0}", f.time.0),

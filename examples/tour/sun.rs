@@ -3,24 +3,26 @@
 use crate::casters::{CasterStore, tolerance};
 use crate::forms::Forms;
 use crate::frames::took;
+use crate::penumbra;
 use farsight_geometry::bvh::Bvh;
 use farsight_geometry::glam::{DMat4, DVec3};
 use farsight_geometry::scene::Light;
 use farsight_geometry::{Camera, DAabb, Frustum, Scene};
-use farsight_plan::{Layout, LightView, TexelSpread};
-use farsight_raster::{Rasteriser, ShadowMap, ShadowOptions, relative_from_mesh, thread_cpu_time};
+use farsight_plan::{Layout, LightSummary, LightView, TexelSpread};
+use farsight_raster::{Penumbra, Rasteriser, ShadowMap, ShadowOptions, relative_from_mesh, thread_cpu_time};
 use farsight_shadow::{
     Focus, MapOptions, Scope, ShadowError, ShadowLight, ShadowView, Skip, Warp, plan_cascades,
 };
 use farsight_timing::Millis;
-use std::cell::RefCell;
 use std::error::Error;
 
 /// Pixels by which the edge of a shadow may be off because its caster is a coarser form.
 const CASTER_PX: f64 = 1.0;
 
 /// Cascades there may be at most.
-pub const MOST_CASCADES: u32 = 4;
+const MOST_CASCADES: u32 = 4;
+/// Samples of a soft shadow there may be at most: shades are then off by 1.4 % of the light.
+const MOST_TAPS: u32 = 36;
 
 /// The shadow pass of a frame.
 pub struct ShadowReport {
@@ -30,6 +32,11 @@ pub struct ShadowReport {
     /// Pixels that the coarsest texel covers, and that it would cover in a single map of the same side without a warp.
     pub texel: f64,
     pub uniform: f64,
+    /// Samples for a point, one for hard shadows; and the pixels that a penumbra covers at most.
+    pub taps: u32,
+    pub penumbra_px: f64,
+    /// Points that were taken to be shaded.
+    pub samples: f64,
     pub casters_drawn: usize,
     /// Triangles of these.
     pub triangles: u64,
@@ -37,9 +44,11 @@ pub struct ShadowReport {
 }
 
 /// A sun and what its shadows need from one frame to the next.
-pub struct Sun<'a> {
+pub struct Sun {
     pub direction: DVec3,
-    coarse: Option<&'a RefCell<CasterStore>>,
+    /// Half of the angle that it spans.
+    angular_radius: f64,
+    hierarchies: Vec<CasterStore>,
     map_side: u32,
     focus: Focus,
     previous: Option<ShadowView>,
@@ -49,8 +58,10 @@ pub struct Sun<'a> {
     /// their side. `None` where no number of splits does.
     cascades: [Option<(u32, f64)>; 3],
     casters: Vec<u32>,
-    /// Whether the hierarchy has fewer triangles to draw than the objects' own forms.
-    hierarchical: bool,
+    /// Widest penumbra in view, in pixels.
+    penumbra_px: f64,
+    /// Points that are shaded.
+    samples: f64,
 }
 
 /// The scene as a frame has it.
@@ -75,16 +86,52 @@ impl Stage<'_> {
         let corners = self.all().corners();
         1.001 * corners.iter().map(|c| c.distance(camera.eye())).fold(camera.near(), f64::max)
     }
+
+    /// What maps of a side are fitted to.
+    fn scope<'a>(
+        &self,
+        camera: &'a Camera,
+        receivers: &'a [DAabb],
+        casters: &'a [DAabb],
+        side: u32,
+    ) -> Scope<'a> {
+        Scope::new(camera, self.farthest(camera), receivers, casters, side)
+    }
 }
 
-impl<'a> Sun<'a> {
-    /// The first light of a scene, if it is a sun. Its maps have sides of `map_side` texels at most.
-    pub fn of(scene: &Scene, map_side: u32, coarse: Option<&'a RefCell<CasterStore>>) -> Option<Self> {
+impl Sun {
+    /// The first light of a scene, if it is a sun; taken to span twice `angular_radius`. Its maps have sides of `map_side` texels at most.
+    pub fn of(
+        scene: &Scene,
+        map_side: u32,
+        angular_radius: f64,
+        hierarchies: Vec<CasterStore>,
+    ) -> Option<Self> {
         let Some(&Light::Directional { direction, .. }) = scene.lights().first() else { return None };
-        let (focus, casters) = (Focus::new(), Vec::new());
-        let fitted = Err(Skip::NothingSeen);
-        let (previous, cascades, hierarchical) = (None, [None; 3], false);
-        Some(Self { direction, coarse, map_side, focus, previous, fitted, cascades, casters, hierarchical })
+        Some(Self {
+            direction,
+            angular_radius,
+            hierarchies,
+            map_side,
+            focus: Focus::new(),
+            previous: None,
+            fitted: Err(Skip::NothingSeen),
+            cascades: [None; 3],
+            casters: Vec::new(),
+            penumbra_px: 0.0,
+            samples: 0.0,
+        })
+    }
+
+    /// Samples of a soft shadow there may be; 0 for a sun without size.
+    pub fn most_taps(&self) -> u32 {
+        if self.angular_radius > 0.0 { MOST_TAPS } else { 0 }
+    }
+
+    /// What the planner may choose from.
+    pub fn light(&self) -> LightSummary {
+        let (most_side, most_taps) = (self.map_side, self.most_taps());
+        LightSummary { most_side, most_cascades: MOST_CASCADES, most_taps }
     }
 
     /// Fits maps to what the camera sees, the receivers: one, and cascades where the coarsest texel of that covers more than `texel_px` pixels.
@@ -96,14 +143,17 @@ impl<'a> Sun<'a> {
         texel_px: f64,
     ) -> Result<(), Box<dyn Error>> {
         let casters = [stage.all()];
-        let scope = Scope::new(camera, stage.farthest(camera), receivers, &casters, self.map_side);
+        let scope = stage.scope(camera, receivers, &casters, self.map_side);
         let light = ShadowLight::directional(self.direction);
-        self.cascades = [None; 3];
+        (self.cascades, self.penumbra_px) = ([None; 3], 0.0);
         self.fitted = match self.focus.fit(&light, &scope)? {
             Some(skip) => Err(skip),
             None => {
                 let view = self.focus.map(&MapOptions::new(self.map_side), self.previous.as_ref());
                 self.find_casters(&view, stage);
+                let casters = self.casters.iter().map(|&o| stage.bounds[o as usize]);
+                self.penumbra_px =
+                    penumbra::widest(camera, self.direction, self.angular_radius, casters, receivers);
                 if view.texel.value > texel_px {
                     self.split(&light, &scope)?;
                 }
@@ -146,7 +196,7 @@ impl<'a> Sun<'a> {
             Layout::Cascades(maps) => {
                 let (splits, _) = self.cascades[maps as usize - 2].expect("only what was found is offered");
                 let casters = [stage.all()];
-                let scope = Scope::new(camera, stage.farthest(camera), receivers, &casters, side);
+                let scope = stage.scope(camera, receivers, &casters, side);
                 let light = ShadowLight::directional(self.direction);
                 let plan = plan_cascades(&light, &scope, &options, 0.0, splits)?;
                 Ok(plan.map_or(Vec::new(), |p| p.cascades.iter().map(|c| (c.view, c.far)).collect()))
@@ -181,7 +231,7 @@ impl<'a> Sun<'a> {
         stage.forms.within(instance.mesh.0, error).unwrap_or_else(whole)
     }
 
-    /// What the planner is told, for an image of so many samples.
+    /// What the planner is told, where so many samples are shaded.
     pub fn summary(
         &mut self,
         camera: &Camera,
@@ -189,42 +239,52 @@ impl<'a> Sun<'a> {
         receivers: &[DAabb],
         samples: f64,
     ) -> LightView {
+        self.samples = samples;
         let view = match &self.fitted {
             Err(skip) => return LightView::skipped(*skip),
             Ok(view) => view,
         };
-        let formed = |moving: bool| {
-            let which = self.casters.iter().filter(|&&o| (o >= stage.first_mover) == moving);
-            which.map(|&o| self.form(camera, stage, o).len() as u64).sum::<u64>()
-        };
-        let mut still = formed(false);
-        let moving = formed(true);
-        self.hierarchical = false;
-        if let Some(store) = self.coarse {
-            let nodes = store.borrow_mut().choose(camera, self.direction, receivers, CASTER_PX);
-            self.hierarchical = nodes < still;
-            still = still.min(nodes);
-        }
         let mut texels = TexelSpread::of_map(view);
         texels.cascades = self.cascades.map(|c| c.map_or(f64::INFINITY, |(_, spread)| spread));
+        let triangles = self.count_casters(camera, stage, receivers);
         LightView {
             receiver_pixels: samples,
-            caster_triangles: (still + moving) as f64,
+            caster_triangles: triangles as f64,
             caster_draws: self.casters.len() as f64,
             contribution: 1.0,
             texels,
-            penumbra_px: 0.0,
+            penumbra_px: self.penumbra_px,
             unchanged: false,
         }
     }
 
-    /// Draws maps, near to far; casters are as coarse as their shadows may be if that is wanted, or all of them in full.
+    /// Chooses what casts: hierarchies where they have fewer triangles to draw than the objects' own forms; returns the number of triangles.
+    fn count_casters(&mut self, camera: &Camera, stage: &Stage, receivers: &[DAabb]) -> u64 {
+        let triangles = |object: u32| self.form(camera, stage, object).len() as u64;
+        let forms: Vec<(u32, u64)> = self.casters.iter().map(|&o| (o, triangles(o))).collect();
+        let mut sum = forms.iter().map(|f| f.1).sum();
+        for hierarchy in &mut self.hierarchies {
+            let covered = forms.iter().filter(|f| hierarchy.covers(f.0, stage.first_mover));
+            let own: u64 = covered.map(|f| f.1).sum();
+            hierarchy.used = false;
+            if own > 0 {
+                let nodes = hierarchy.choose(camera, self.direction, receivers, CASTER_PX);
+                hierarchy.used = nodes < own;
+                sum -= own - nodes.min(own);
+            }
+        }
+        sum
+    }
+
+    /// Draws maps, near to far, for so many samples a point. Casters are as coarse as their shadows may be if that is wanted, or all of them in full; only
+    /// the former is what the next frame goes on from.
     pub fn draw(
         &mut self,
         rasteriser: &mut Rasteriser,
         views: &[(ShadowView, f64)],
         stage: &Stage,
         camera: &Camera,
+        taps: u32,
         coarse: bool,
     ) -> Result<Option<(ShadowMap, ShadowReport)>, Box<dyn Error>> {
         let before = thread_cpu_time();
@@ -232,7 +292,7 @@ impl<'a> Sun<'a> {
         let mut casters_drawn = 0;
         let mut chain: Option<ShadowMap> = None;
         for (view, end) in views.iter().rev() {
-            let (map, casters) = self.draw_one(rasteriser, view, stage, camera, coarse)?;
+            let (map, casters) = self.draw_one(rasteriser, view, stage, camera, taps, coarse)?;
             casters_drawn += casters;
             chain = Some(match chain {
                 None => map,
@@ -240,7 +300,7 @@ impl<'a> Sun<'a> {
             });
         }
         let (Some(map), Ok(single)) = (chain, &self.fitted) else { return Ok(None) };
-        if let [(view, _)] = views {
+        if let ([(view, _)], true) = (views, coarse) {
             self.previous = Some(*view);
         }
         let report = ShadowReport {
@@ -248,6 +308,9 @@ impl<'a> Sun<'a> {
             side: views[0].0.side,
             texel: views.iter().map(|v| v.0.texel.value).fold(0.0, f64::max),
             uniform: single.texel_uniform.value * f64::from(single.side) / f64::from(views[0].0.side),
+            taps,
+            penumbra_px: self.penumbra_px,
+            samples: self.samples,
             casters_drawn,
             triangles: rasteriser.counters.triangles - triangles,
             time: took(before),
@@ -262,19 +325,23 @@ impl<'a> Sun<'a> {
         view: &ShadowView,
         stage: &Stage,
         camera: &Camera,
+        taps: u32,
         coarse: bool,
     ) -> Result<(ShadowMap, usize), Box<dyn Error>> {
-        let options = ShadowOptions::default();
+        let mut options = ShadowOptions::default();
+        let angular_radius = self.angular_radius as f32;
+        options.penumbra = (taps > 1).then_some(Penumbra { angular_radius, taps });
         let mut map =
             ShadowMap::new(view.side, view.clip_from_relative, view.origin, -self.direction, options)?;
         let mut casters_drawn = 0;
-        let mut first = 0;
-        if let (Some(store), true) = (self.coarse, coarse && self.hierarchical) {
-            casters_drawn += store.borrow_mut().draw(rasteriser, &mut map, view.origin)?;
-            first = stage.first_mover;
+        for hierarchy in self.hierarchies.iter_mut().filter(|h| coarse && h.used) {
+            casters_drawn += hierarchy.draw(rasteriser, &mut map, view.origin)?;
         }
         self.find_casters(view, stage);
-        for &object in self.casters.iter().filter(|&&o| o >= first) {
+        let drawn = |object: u32| {
+            coarse && self.hierarchies.iter().any(|h| h.used && h.covers(object, stage.first_mover))
+        };
+        for &object in self.casters.iter().filter(|&&o| !drawn(o)) {
             let instance = &stage.scene.instances()[object as usize];
             let mesh = stage.scene.mesh_of(instance);
             let relative = DMat4::from(relative_from_mesh(instance, mesh, view.origin));

@@ -80,6 +80,8 @@ pub struct Stream {
     failures: Vec<(NodeId, HlodError)>,
     came: Vec<NodeId>,
     went: Vec<NodeId>,
+    /// Whether no frame has told of the root yet.
+    begins: bool,
     selector: Selector,
     selection: Selection,
     ahead: Vec<NodeId>,
@@ -131,6 +133,7 @@ impl Stream {
             failures: Vec::new(),
             came: Vec::new(),
             went: Vec::new(),
+            begins: true,
             selector: Selector::new(),
             selection: Selection::default(),
             ahead: Vec::new(),
@@ -220,7 +223,10 @@ impl Stream {
 
     /// Takes in what was read, as much as a frame may.
     fn take_arrivals(&mut self) {
-        self.came.clear();
+        // The first frame tells of the root, which came before it.
+        if !std::mem::take(&mut self.begins) {
+            self.came.clear();
+        }
         self.went.clear();
         self.loader.take(&mut self.arrived);
         let mut taken = 0;

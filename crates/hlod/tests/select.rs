@@ -297,10 +297,16 @@ fn frames_never_wait_and_end_with_what_was_asked_for() {
     let first = stream.frame(&camera, &view);
     assert_eq!(first.selection.drawn.len(), 1);
     assert!(first.selection.geometric.unwrap().value > 0.4);
+    // Who goes by what came and went has all that is drawn, from the first frame on.
+    let mut uploaded: HashSet<NodeId> = first.came.iter().copied().collect();
+    assert!(first.selection.drawn.iter().all(|d| uploaded.contains(&d.node)));
     let mut frames = 0;
     loop {
         let frame = stream.frame(&camera, &view);
         assert_eq!(frame.draws().count(), frame.selection.drawn.len());
+        frame.went.iter().for_each(|n| assert!(uploaded.remove(n)));
+        frame.came.iter().for_each(|&n| assert!(uploaded.insert(n)));
+        assert!(frame.selection.drawn.iter().all(|d| uploaded.contains(&d.node)));
         let came: u64 = frame.came.iter().map(|&n| frame.mesh(n).map_or(0, NodeMesh::bytes)).sum();
         assert!(came <= 200_000 || frame.came.len() == 1);
         frames += 1;

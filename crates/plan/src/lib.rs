@@ -6,7 +6,7 @@
 //! // A thousand triangles far away, with a coarser form that is off by a tenth of a unit.
 //! let details = [Detail { form: Form::Mesh, error: 0.1, kind: Kind::Proven, elements: 100.0 }];
 //! let tree = ObjectSummary { draws: 1.0, vertices: 600.0, triangles: 1000.0, details: &details, impostor: false };
-//! let sun = LightSummary { most_side: 4096, most_cascades: 1, most_taps: 16 };
+//! let sun = LightSummary { most_side: 4096, most_cascades: 1, most_taps: 36 };
 //! let scene = SceneSummary { objects: &[tree], lights: &[sun], clouds: &[] };
 //!
 //! let seen = ObjectView { in_view: true, size_px: 40.0, pixels: 800.0, px_per_unit: 4.0, impostor_frames: 0.0 };

@@ -397,7 +397,7 @@ fn shadows_by_hand() {
         Choice::Map { taps, .. } => taps,
         other => panic!("{other}"),
     };
-    assert_eq!((taps(0.25), taps(0.26), taps(10.0)), (1, 16, 16));
+    assert_eq!((taps(0.25), taps(0.26), taps(10.0)), (1, 18, 18));
     // A warp that gains a tenth is not worth a map that cannot be kept still.
     let d =
         one_light(|v| v.texels = TexelSpread { uniform: 1100.0, cascades: [f64::INFINITY; 3], ..v.texels });

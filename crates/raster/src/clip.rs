@@ -95,7 +95,7 @@ type Side = fn(&Viewport, DVec4, f64) -> f64;
 
 impl Viewport {
     /// The part of a segment that [`clip`](Self::clip) would keep, in the segment's order.
-    pub(crate) fn clip_segment(&self, [a, b]: [DVec4; 2]) -> Option<[DVec4; 2]> {
+    pub(crate) fn clip_segment(&self, [a, b]: [DVec4; 2]) -> Option<([DVec4; 2], [f64; 2])> {
         let largest = a.abs().max_element().max(b.abs().max_element());
         let depth: [Side; 2] = if self.depth_clamp {
             [|_, p, largest| p.w - W_SHARE * largest; 2]
@@ -118,7 +118,7 @@ impl Viewport {
                 (false, false) => return None,
             }
         }
-        (from < to).then(|| [a + (b - a) * from, a + (b - a) * to])
+        (from < to).then(|| ([a + (b - a) * from, a + (b - a) * to], [from, to]))
     }
 }
 

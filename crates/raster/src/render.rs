@@ -1,17 +1,18 @@
 //! A scene seen by a camera.
 
 use crate::counters::Counters;
-use crate::draw::{Blend, Draw, Fragment, Ids, PixelShader, Rasteriser, State};
+use crate::draw::{Blend, Draw, Ids, Rasteriser, State};
+use crate::line::LineDraw;
 use crate::quad::QuadDraw;
 use crate::shade::Lighting;
 use crate::shadow_map::ShadowMap;
+use crate::surface::{Side, Surface, SurfaceShader};
 use crate::texture::MipMap;
 use crate::{Cull, Outputs, RasterError, Target};
 use farsight_geometry::scene::{AlphaMode, Instance, Material, Scene};
 use farsight_geometry::{Camera, ClipConvention, Containment, Frustum, TriangleMesh};
-use glam::{DAffine3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3, Vec4};
+use glam::{DAffine3, DMat4, DVec2, DVec3, Vec3, Vec4};
 use std::borrow::Cow;
-use std::cell::Cell;
 
 /// What ids a scene's image gets. All start at 1; 0 is background.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,6 +52,8 @@ pub struct RenderOptions<'a> {
     pub only: Option<&'a [u32]>,
     /// Triangles to draw in place of an instance's own, over the same vertices; instances beyond the list's end are drawn as they are.
     pub forms: &'a [Option<&'a [[u32; 3]]>],
+    /// Surfaces to draw with instances, sorted by these; [`forms`](Self::forms) says what else is drawn of an instance, perhaps nothing.
+    pub parts: &'a [Part<'a>],
     /// Pictures among the instances, drawn after the opaque ones; their matrix is that of the camera.
     pub quads: &'a [QuadDraw<'a>],
     /// Mip-mapped textures of the scene, from [`mip_maps`]; empty to make them on the fly.
@@ -73,10 +76,26 @@ impl Default for RenderOptions<'_> {
             shadows: &[],
             only: None,
             forms: &[],
+            parts: &[],
             quads: &[],
             textures: &[],
         }
     }
+}
+
+/// A surface that is drawn in an instance's material, where and when that is: a node of a hierarchy that stands for it.
+#[derive(Clone, Copy, Debug)]
+pub struct Part<'a> {
+    /// Whose material.
+    pub instance: u32,
+    /// The surface, in world coordinates.
+    pub mesh: &'a TriangleMesh,
+    /// Sides that are drawn as lines as well, shaded like their triangles: they close what is between parts that do not quite fit.
+    pub sides: &'a [Side],
+    /// Samples across these lines.
+    pub width_px: u32,
+    /// Whether backs are left out, whatever the material says: where nobody can see them.
+    pub cull_backs: bool,
 }
 
 /// Decodes all textures of a scene and makes their mip maps.
@@ -161,7 +180,7 @@ fn render_into(
 /// Draws an instance by itself, over transparent black, with any matrix from coordinates relative to `eye`: a picture that may stand for it.
 ///
 /// `triangles` are over the vertices of its mesh. It is lit as [`render_scene`] would light it for an eye there; of the options, supersampling, sky, ids,
-/// `only`, `forms` and `quads` do not count.
+/// `only`, `forms`, `parts` and `quads` do not count.
 ///
 /// # Errors
 /// [`RasterError::TargetSize`].
@@ -227,11 +246,11 @@ fn material_of(scene: &Scene, instance: usize) -> Cow<'_, Material> {
 }
 
 /// What does not change from instance to instance.
-struct View<'a> {
+pub(crate) struct View<'a> {
     scene: &'a Scene,
-    textures: &'a [MipMap],
-    lighting: &'a Lighting<'a>,
-    options: &'a RenderOptions<'a>,
+    pub textures: &'a [MipMap],
+    pub lighting: &'a Lighting<'a>,
+    pub options: &'a RenderOptions<'a>,
     clip_from_relative: DMat4,
     eye: DVec3,
 }
@@ -241,6 +260,11 @@ impl View<'_> {
         let own = || self.scene.mesh_of(&self.scene.instances()[i]).triangles();
         let triangles = self.options.forms.get(i).copied().flatten().unwrap_or_else(own);
         self.draw_form(rasteriser, target, i, triangles, first_id);
+        let parts = self.options.parts;
+        let first = parts.partition_point(|p| (p.instance as usize) < i);
+        let mine = parts[first..].iter().take_while(|p| p.instance as usize == i);
+        let material = material_of(self.scene, i);
+        mine.for_each(|part| self.draw_part(rasteriser, target, part, &material, first_id));
     }
 
     fn draw_form(
@@ -255,15 +279,64 @@ impl View<'_> {
         let mesh = self.scene.mesh_of(instance);
         let material = material_of(self.scene, i);
         let relative = relative_from_mesh(instance, mesh, self.eye);
+        let ids = match self.options.ids {
+            SceneIds::Instances => Ids::Constant(first_id),
+            SceneIds::Triangles => Ids::PerTriangle(first_id),
+        };
+        self.draw_surface(
+            rasteriser,
+            target,
+            &Surface { mesh, triangles, material: &material, relative },
+            ids,
+        );
+    }
+
+    /// Draws a part, then the sides of it that neighbours may not fit.
+    fn draw_part(
+        &self,
+        rasteriser: &mut Rasteriser,
+        target: &mut Target,
+        part: &Part,
+        material: &Material,
+        id: u32,
+    ) {
+        let Part { mesh, sides, width_px, cull_backs, .. } = *part;
+        let one_sided;
+        let material = if cull_backs && material.two_sided {
+            one_sided = Material { two_sided: false, ..material.clone() };
+            &one_sided
+        } else {
+            material
+        };
+        let relative = DAffine3::from_translation(mesh.origin() - self.eye);
+        let surface = Surface { mesh, triangles: mesh.triangles(), material, relative };
+        let state = self.draw_surface(rasteriser, target, &surface, Ids::Constant(id));
+        let segments: Vec<[Vec3; 2]> =
+            sides.iter().map(|s| s.corners().map(|c| mesh.corners(s.triangle as usize)[c])).collect();
+        // Behind the surface by a line's width: only where there is a gap are lines nearer than what is drawn.
+        let px = 2.0 / (f64::from(target.height()) * self.clip_from_relative.row(1).truncate().length());
+        let recede = DVec3::new(1.0, 1.0, 1.0 - f64::from(width_px) * px);
+        let clip_from_local = DMat4::from_scale(recede) * self.clip_from_relative * DMat4::from(relative);
+        let lines = LineDraw { segments: &segments, colour: Vec4::ONE, width_px, clip_from_local, state };
+        let shader = SurfaceShader::new(&surface, self);
+        rasteriser.draw_lines_shaded(target, &lines, |segment, t, step| {
+            shader.shade_side(sides[segment as usize], t, step)
+        });
+    }
+
+    fn draw_surface(
+        &self,
+        rasteriser: &mut Rasteriser,
+        target: &mut Target,
+        surface: &Surface,
+        ids: Ids,
+    ) -> State {
+        let Surface { mesh, triangles, material, relative } = *surface;
         let mirrored = relative.matrix3.determinant() < 0.0;
         let cull = match (material.two_sided, mirrored) {
             (true, _) => Cull::None,
             (false, false) => Cull::Back,
             (false, true) => Cull::Front,
-        };
-        let ids = match self.options.ids {
-            SceneIds::Instances => Ids::Constant(first_id),
-            SceneIds::Triangles => Ids::PerTriangle(first_id),
         };
         let blend = if material.alpha == AlphaMode::Blend { Blend::Over } else { Blend::Replace };
         let state = State { cull, ids, blend, depth_write: blend == Blend::Replace, ..State::default() };
@@ -271,119 +344,11 @@ impl View<'_> {
         let draw = Draw { positions: mesh.positions(), triangles, clip_from_local, state };
         let masked = matches!(material.alpha, AlphaMode::Mask { .. });
         if self.options.outputs.colour || masked {
-            let shader = SurfaceShader::new(mesh, triangles, &material, relative, self);
-            rasteriser.draw_shaded(target, &draw, &shader);
+            rasteriser.draw_shaded(target, &draw, &SurfaceShader::new(surface, self));
         } else {
             rasteriser.draw(target, &draw);
         }
-    }
-}
-
-/// Albedo times light.
-struct SurfaceShader<'a> {
-    mesh: &'a TriangleMesh,
-    triangles: &'a [[u32; 3]],
-    material: &'a Material,
-    texture: Option<&'a MipMap>,
-    lighting: &'a Lighting<'a>,
-    relative: DAffine3,
-    normal_matrix: Mat3,
-    haze: Option<(f32, Vec3)>,
-    exposure: f32,
-    /// The last triangle that was shaded, and its normal: of the mesh, and in world axes.
-    face: Cell<(u32, [Vec3; 2])>,
-}
-
-impl<'a> SurfaceShader<'a> {
-    fn new(
-        mesh: &'a TriangleMesh,
-        triangles: &'a [[u32; 3]],
-        material: &'a Material,
-        relative: DAffine3,
-        view: &View<'a>,
-    ) -> Self {
-        let inverse = relative.matrix3.inverse().transpose();
-        let horizon = view.options.sky.map_or(Vec3::ZERO, |s| s[1]);
-        Self {
-            mesh,
-            triangles,
-            material,
-            texture: material.texture.and_then(|t| view.textures.get(t.0 as usize)),
-            lighting: view.lighting,
-            relative,
-            normal_matrix: if inverse.is_finite() { inverse.as_mat3() } else { Mat3::IDENTITY },
-            haze: view.options.haze.map(|d| (d, horizon)),
-            exposure: view.options.exposure,
-            face: Cell::new((u32::MAX, [Vec3::ZERO; 2])),
-        }
-    }
-
-    fn albedo(&self, fragment: &Fragment, corners: [usize; 3], weights: Vec3) -> Vec4 {
-        let mut albedo = Vec4::from_array(self.material.base_colour);
-        if let (Some(texture), Some(uvs)) = (self.texture, self.mesh.uvs()) {
-            let uv = corners.map(|i| uvs[i]);
-            let mix = |w: Vec3| -> Vec2 { uv[0] * w.x + uv[1] * w.y + uv[2] * w.z };
-            let [dx, dy] = fragment.weight_gradients();
-            albedo *= texture.sample(mix(weights), texture.level_of(mix(dx), mix(dy)));
-        }
-        if let Some(colours) = self.mesh.colours() {
-            let c = corners.map(|i| linear_colour(colours[i]));
-            albedo *= c[0] * weights.x + c[1] * weights.y + c[2] * weights.z;
-        }
-        albedo
-    }
-
-    /// Shading normal and face normal, in world axes.
-    fn normals(&self, triangle: u32, corners: [usize; 3], weights: Vec3, point: Vec3) -> [Vec3; 2] {
-        let smooth = self.mesh.normals().map_or(Vec3::ZERO, |n| {
-            n[corners[0]] * weights.x + n[corners[1]] * weights.y + n[corners[2]] * weights.z
-        });
-        let (known, mut faces) = self.face.get();
-        if known != triangle {
-            let p = corners.map(|i| self.mesh.positions()[i].as_dvec3());
-            let local = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero().as_vec3();
-            faces = [local, (self.normal_matrix * local).normalize_or_zero()];
-            self.face.set((triangle, faces));
-        }
-        let [local, face] = faces;
-        let normal = if smooth == Vec3::ZERO { local } else { smooth };
-        let normal = (self.normal_matrix * normal).normalize_or_zero();
-        // Data need not wind its triangles to suit its normals.
-        let face = if face.dot(normal) < 0.0 { -face } else { face };
-        // A surface seen from behind is lit from behind.
-        let behind = self.material.two_sided && face.dot(point) > 0.0;
-        if behind { [-normal, -face] } else { [normal, face] }
-    }
-}
-
-fn linear_colour([r, g, b, a]: [u8; 4]) -> Vec4 {
-    // Decoding a byte takes a power; 256 of them are kept.
-    static TABLE: std::sync::LazyLock<[f32; 256]> =
-        std::sync::LazyLock::new(|| std::array::from_fn(|i| crate::linear_of(i as u8)));
-    let t = &*TABLE;
-    Vec4::new(t[r as usize], t[g as usize], t[b as usize], f32::from(a) / 255.0)
-}
-
-impl PixelShader for SurfaceShader<'_> {
-    fn shade(&self, fragment: &Fragment) -> Option<Vec4> {
-        let corners = self.triangles[fragment.triangle as usize].map(|i| i as usize);
-        let weights = fragment.weights();
-        let albedo = self.albedo(fragment, corners, weights);
-        let alpha = match self.material.alpha {
-            AlphaMode::Mask { cutoff } if albedo.w < cutoff => return None,
-            AlphaMode::Blend => albedo.w.clamp(0.0, 1.0),
-            _ => 1.0,
-        };
-        let p = corners.map(|i| self.mesh.positions()[i]);
-        let local = p[0] * weights.x + p[1] * weights.y + p[2] * weights.z;
-        let point = self.relative.transform_point3(local.as_dvec3()).as_vec3();
-        let [normal, face] = self.normals(fragment.triangle, corners, weights, point);
-        let light = self.lighting.radiance(point, normal, face);
-        let mut colour = albedo.truncate() * light * self.exposure;
-        if let Some((distance, horizon)) = self.haze {
-            colour = colour.lerp(horizon, 1.0 - (-point.length() / distance).exp());
-        }
-        Some((colour * alpha).extend(alpha))
+        state
     }
 }
 

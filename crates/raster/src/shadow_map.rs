@@ -1,11 +1,17 @@
 //! Shadow maps with any matrix.
 
+mod nearest;
+mod soft;
+
+pub use soft::Penumbra;
+
 use crate::draw::{Draw, Rasteriser, State};
 use crate::{Cull, Outputs, RasterError, Target};
 use farsight_geometry::scene::Light;
 use farsight_geometry::{Camera, Scene};
 use glam::{DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
-use std::sync::Arc;
+use nearest::Nearest;
+use std::sync::{Arc, OnceLock};
 
 /// How a lookup avoids shadowing the surface by itself, and how it filters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,19 +26,34 @@ pub struct ShadowOptions {
     pub filter_radius: u32,
     /// Sides that cast no shadow.
     pub cull: Cull,
+    /// How large the light is, for soft shadows: the filter becomes as wide as the penumbra, never narrower than `filter_radius` says. `None` casts hard
+    /// shadows.
+    pub penumbra: Option<Penumbra>,
 }
 
 impl Default for ShadowOptions {
     /// A hair of depth bias, 3 x 3 filtering, and an offset that covers the filter's corner.
     fn default() -> Self {
-        Self { constant_bias: 1e-5, normal_offset: 1.06, filter_radius: 1, cull: Cull::None }
+        Self { constant_bias: 1e-5, normal_offset: 1.06, filter_radius: 1, cull: Cull::None, penumbra: None }
     }
+}
+
+/// How a map's coordinates change around a point, times w there.
+struct Gradients {
+    rows: [Vec3; 3],
+    w: f32,
 }
 
 /// Depth seen from a light.
 #[derive(Clone, Debug)]
 pub struct ShadowMap {
     target: Arc<Target>,
+    /// What lies nearest to the light, region by region; made by the first soft lookup.
+    nearest: Arc<OnceLock<Nearest>>,
+    /// Places in the unit disk of soft lookups.
+    spiral: Arc<[soft::Place]>,
+    /// Tangent of the light's angular radius.
+    spread: f32,
     /// Map clip space from world coordinates relative to `origin`.
     clip_from_relative: DMat4,
     rounded: Mat4,
@@ -64,6 +85,9 @@ impl ShadowMap {
     ) -> Result<Self, RasterError> {
         Ok(Self {
             target: Arc::new(Target::new(size, size, Outputs::DEPTH)?),
+            nearest: Arc::default(),
+            spread: options.penumbra.map_or(0.0, |p| p.angular_radius.tan()),
+            spiral: options.penumbra.map_or(Arc::default(), |p| soft::spiral(p.taps)),
             clip_from_relative: light_clip_from_relative,
             rounded: light_clip_from_relative.as_mat4(),
             origin,
@@ -195,6 +219,8 @@ impl ShadowMap {
     ) {
         let state = State { cull: self.options.cull, depth_clamp: true, ..State::default() };
         let clip_from_local = self.clip_from_relative * relative_from_local;
+        // What was known of the depths holds no longer.
+        self.nearest = Arc::default();
         rasteriser
             .draw(Arc::make_mut(&mut self.target), &Draw { positions, triangles, clip_from_local, state });
     }
@@ -243,7 +269,9 @@ impl ShadowMap {
             return outside();
         }
         let reach = (self.options.filter_radius + 1) as f32;
-        let moved = point + normal * (self.options.normal_offset * reach * self.clearance(point, normal));
+        let gradients = self.gradients(point);
+        let moved =
+            point + normal * (self.options.normal_offset * reach * self.clearance(&gradients, normal));
         let clip: Vec4 = self.rounded * moved.extend(1.0);
         if clip.w <= 0.0 {
             return outside();
@@ -255,33 +283,43 @@ impl ShadowMap {
         if !(x >= 0.0 && x < size && y >= 0.0 && y < size && depth > 0.0) {
             return outside();
         }
-        self.filtered(x, y, depth)
+        match self.options.penumbra {
+            None => self.filtered(x, y, depth),
+            Some(_) => self.soft(&gradients, normal, [x, y, depth]),
+        }
     }
 
     /// How far a plane through a point must be lifted along its normal to lie before its own depth a texel farther in both directions.
     ///
     /// A step of one texel across the light is a, and on the plane, with the light's direction l, a − l·(a·n)/(l·n); depth changes by ∇z along
     /// it. A lift of e along n is as good as one of e/(l·n) along l. Uniform maps have ∇z along l, so that ∣a·n∣ is left; warped ones have not.
-    fn clearance(&self, point: Vec3, normal: Vec3) -> f32 {
-        let clip = self.rounded * point.extend(1.0);
-        let w_row = self.rounded.row(3).truncate();
-        let gradient = |row: usize, value: f32| self.rounded.row(row).truncate() - w_row * (value / clip.w);
-        let (gx, gy, gz) = (gradient(0, clip.x), gradient(1, clip.y), gradient(2, clip.z));
+    fn clearance(&self, gradients: &Gradients, normal: Vec3) -> f32 {
+        let Gradients { rows: [gx, gy, gz], w } = *gradients;
         // Both are across the ray of light, so their product is along it, and the steps of one texel are their duals.
         let light = gx.cross(gy);
-        let step = 2.0 * clip.w / (self.target.width() as f32 * light.length_squared());
+        let step = 2.0 * w / (self.target.width() as f32 * light.length_squared());
         let (fall, facing) = (gz.dot(light), normal.dot(light));
         let rise = |across: Vec3| (across.dot(gz) * facing / fall - across.dot(normal)).abs();
         let lift = (rise(gy.cross(light)) + rise(light.cross(gx))) * step.abs();
         if lift.is_finite() { lift } else { 0.0 }
     }
 
-    fn filtered(&self, x: f32, y: f32, depth: f32) -> f32 {
+    fn gradients(&self, point: Vec3) -> Gradients {
+        let clip = self.rounded * point.extend(1.0);
+        let w_row = self.rounded.row(3).truncate();
+        let gradient = |row: usize, value: f32| self.rounded.row(row).truncate() - w_row * (value / clip.w);
+        Gradients { rows: [gradient(0, clip.x), gradient(1, clip.y), gradient(2, clip.z)], w: clip.w }
+    }
+
+    /// The depth of a texel; beyond the border that of the nearest one.
+    #[inline]
+    fn texel(&self, i: i32, j: i32) -> f32 {
         let last = self.target.width() as i32 - 1;
-        let lit = |i: i32, j: i32| {
-            let at = j.clamp(0, last) as usize * self.target.stride() + i.clamp(0, last) as usize;
-            if depth >= self.target.depth[at] { 1.0 } else { 0.0 }
-        };
+        self.target.depth[j.clamp(0, last) as usize * self.target.stride() + i.clamp(0, last) as usize]
+    }
+
+    fn filtered(&self, x: f32, y: f32, depth: f32) -> f32 {
+        let lit = |i: i32, j: i32| if depth >= self.texel(i, j) { 1.0 } else { 0.0 };
         let radius = self.options.filter_radius as i32;
         if radius == 0 {
             return lit(x as i32, y as i32);

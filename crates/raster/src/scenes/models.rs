@@ -134,7 +134,7 @@ pub fn aeroplane(n: u32) -> Result<TriangleMesh, RasterError> {
     b.mesh()
 }
 
-/// A figure in a cloak on a column, 3.4 m tall; `n` sets its triangles: 20 n².
+/// A figure in a cloak on a column, 3.4 m tall; `n` sets its triangles: 22 n².
 ///
 /// # Errors
 /// [`RasterError::Option`] when `n` is not in 2 to 1000.
