@@ -102,6 +102,11 @@ fn farther_than(a: &[bool], b: &[bool], px: f64) -> Vec<i32> {
     (0..side * side).filter(|&i| a[i as usize] && !near(i % side, i / side)).collect()
 }
 
+/// Pixels of a fine picture that an outline may have moved by, for an error in pixels.
+fn margin(claim: f64) -> i32 {
+    6.max((claim * f64::from(FINE)).ceil() as i32 + 1)
+}
+
 /// Uncovered pixels of `b` farther inside what `a` covers than its outline may have moved.
 fn holes(a: &[bool], b: &[bool], margin: i32) -> usize {
     let side = SIDE as i32;
@@ -170,8 +175,7 @@ fn nothing_moves_too_far_and_nothing_is_left_open() {
                     selection.triangles,
                     selection.drawn.len()
                 );
-                let margin = 6.max((claim * f64::from(FINE)).ceil() as i32 + 1);
-                let (left, without) = (holes(&full, &simple, margin), holes(&full, &bare, margin));
+                let [left, without] = [&simple, &bare].map(|drawn| holes(&full, drawn, margin(claim)));
                 println!("{case}, holes {left} without rims {without}");
                 // A pixel is covered when its centre is: either picture may round by half a diagonal, twice that at a thin part.
                 let reach = claim * f64::from(FINE) + 1.5 * std::f64::consts::SQRT_2;
@@ -242,7 +246,8 @@ fn parts_of_a_scene_leave_no_holes_and_no_specks() {
                 let nothing: [Option<&[[u32; 3]]>; 1] = [Some(&[])];
                 let drawn = draw(&parts, &nothing, Outputs::ALL);
                 let case = format!("view {view} at {error_px} px, backs culled: {cull_backs}");
-                assert_eq!(holes(&covered(&whole), &covered(&drawn)), 0, "{case}");
+                let margin = margin(selection.geometric.unwrap().value);
+                assert_eq!(holes(&covered(&whole), &covered(&drawn), margin), 0, "{case}");
                 // What is far from an edge of the picture has about the colour it had: flat triangles a little larger, and no slivers that catch the light.
                 let grey = |t: &Target, i: usize| {
                     t.colour((i % SIDE as usize) as u32, (i / SIDE as usize) as u32)[1]
