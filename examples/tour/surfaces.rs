@@ -3,16 +3,20 @@
 use farsight_geometry::glam::{DMat3, Vec3};
 use farsight_geometry::scene::{AlphaMode, Instance};
 use farsight_geometry::{MeshError, Scene, TriangleMesh};
-use farsight_hlod::{BuildOptions, HlodError, Mesh, Store, Tier, build, no_progress};
+use farsight_hlod::{BuildOptions, HlodError, Mesh, Progress, Store, Tier, build};
 use std::error::Error;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// Fewer triangles are sooner drawn than chosen among.
 const LEAST_TRIANGLES: usize = 20_000;
 /// Most triangles that hierarchies are built of, without attributes and with: more would keep a tour waiting.
 const MOST_BARE: usize = 1_000_000;
 const MOST_WITH_LOOKS: usize = 60_000;
+/// And longest that it may take, whatever they are.
+const LONGEST: Duration = Duration::from_secs(20);
 
 /// A hierarchy of an instance.
 pub struct Surface {
@@ -29,7 +33,7 @@ pub fn build_all(scene: &Scene, folder: &Path) -> Result<(Vec<Surface>, Option<S
         (0..scene.instances().len() as u32).filter(|&i| size(i) >= LEAST_TRIANGLES).collect();
     large.sort_by_key(|&i| std::cmp::Reverse(size(i)));
     let (mut surfaces, mut holes, mut many) = (Vec::new(), 0, 0);
-    let mut left = [MOST_BARE, MOST_WITH_LOOKS];
+    let (mut left, start) = ([MOST_BARE, MOST_WITH_LOOKS], Instant::now());
     for i in large {
         let instance = &scene.instances()[i as usize];
         if instance.material.is_some_and(|m| scene.materials()[m.0 as usize].alpha != AlphaMode::Opaque) {
@@ -44,25 +48,39 @@ pub fn build_all(scene: &Scene, folder: &Path) -> Result<(Vec<Surface>, Option<S
             continue;
         }
         *left -= mesh.triangles().len();
-        surfaces.push(Surface::build(i, &mesh, looks, &folder.join(format!("surface_{i}.hlod")))?);
+        match Surface::build(i, &mesh, looks, &folder.join(format!("surface_{i}.hlod")), start)? {
+            Some(surface) => surfaces.push(surface),
+            None => many += 1,
+        }
     }
     surfaces.sort_by_key(|s| s.instance);
     let why = (holes + many > 0).then(|| {
-        format!(
-            "no hierarchy of {} large surfaces: {holes} have holes, {many} would keep the tour waiting (most {MOST_BARE} triangles, {MOST_WITH_LOOKS} with \
-             normals, texture coordinates or colours)"
-            , holes + many
-        )
+        let most = format!("{MOST_BARE} triangles, {MOST_WITH_LOOKS} with looks, {} s", LONGEST.as_secs());
+        let large = holes + many;
+        format!("no hierarchy of {large} large surfaces: {holes} have holes, {many} would keep the tour waiting (at most {most})")
     });
     Ok((surfaces, why))
 }
 
 impl Surface {
-    fn build(instance: u32, mesh: &TriangleMesh, looks: bool, path: &Path) -> Result<Self, Box<dyn Error>> {
+    /// Builds the hierarchy of a mesh; `None` when there is no time left of what began at `start`.
+    fn build(
+        instance: u32,
+        mesh: &TriangleMesh,
+        looks: bool,
+        path: &Path,
+        start: Instant,
+    ) -> Result<Option<Self>, Box<dyn Error>> {
         let options = BuildOptions::default().with_appearance(looks).with_tier(Tier::Verified);
-        build([Ok::<_, HlodError>(mesh)], path, &options, &no_progress)?;
+        let in_time = |_: Progress| {
+            if start.elapsed() > LONGEST { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        match build([Ok::<_, HlodError>(mesh)], path, &options, &in_time) {
+            Err(HlodError::Cancelled) => return Ok(None),
+            other => other?,
+        };
         let store = Arc::new(Store::open(path)?);
-        Ok(Self { instance, store, closed: mesh.report().is_closed() && volume(mesh) > 0.0 })
+        Ok(Some(Self { instance, store, closed: mesh.report().is_closed() && volume(mesh) > 0.0 }))
     }
 }
 
