@@ -279,7 +279,7 @@ pub fn maps(shadow: &ShadowReport) -> String {
 /// How soft shadows are.
 fn softness(shadow: &ShadowReport) -> String {
     let taps = if shadow.taps > 1 { format!("soft, {} samples", shadow.taps) } else { "hard".into() };
-    format!("{taps}, penumbrae at most {:.2} px", shadow.penumbra_px)
+    format!("{taps}, penumbrae at most {:.0} px", shadow.penumbra_px)
 }
 
 fn caption(i: usize, frame: &FrameReport) -> String {
