@@ -239,7 +239,7 @@ impl<'a> Work<'a> {
             for v in guilty {
                 if v != NONE && !self.log.is_single(v) && asked.set(v) {
                     // One contraction the first time, then twice as many each time; after many rounds all of them.
-                    let doublings = u64::from(failures[v as usize]) + self.counts.rounds / 4;
+                    let doublings = u64::from(failures[v as usize]) + self.counts.rounds / 8;
                     failures[v as usize] = failures[v as usize].saturating_add(1);
                     self.take_back(v, 1u32 << doublings.min(30), &mut taken_back);
                 }
