@@ -146,8 +146,8 @@ impl<'a> Levels<'a> {
         watch.begin();
         let meshes: &[Mesh] =
             if self.plan.attributes.any() { &[Mesh::Full, Mesh::Shape] } else { &[Mesh::Full] };
-        for level in inner.into_iter().rev() {
-            for cells in level.chunks(BATCH * self.plan.threads.count) {
+        for cells in side_by_side(inner) {
+            for cells in cells.chunks(BATCH * self.plan.threads.count) {
                 let mut known = Vec::new();
                 if let Some(journal) = &mut journal {
                     while known.len() < cells.len() {
@@ -205,11 +205,11 @@ impl<'a> Levels<'a> {
     /// Meshes two levels below a cell, or one where that is a leaf.
     fn below(&self, cell: &Cell, mesh: Mesh) -> Result<Vec<Below>, HlodError> {
         let mut cells = Vec::new();
-        for child in self.children(cell) {
-            if self.written[&child].is_leaf {
-                cells.push(child);
-            } else {
-                cells.extend(self.children(&child));
+        // Inner nodes one level below need not be there yet.
+        for child in (0..8).map(|octant| cell.child(octant)) {
+            match self.written.get(&child) {
+                Some(leaf) if leaf.is_leaf => cells.push(child),
+                _ => cells.extend(self.children(&child)),
             }
         }
         let (mut shape, mut looks, mut raw) = (Shape::default(), Looks::default(), Vec::new());
@@ -288,6 +288,14 @@ impl<'a> Levels<'a> {
         }
         nodes
     }
+}
+
+/// Cells by level as lists that need nothing of one another, deepest first: of two levels each, since nodes are made of what is two levels below. The root has company, as it would
+/// keep all threads but one waiting.
+fn side_by_side(mut levels: Vec<Vec<Cell>>) -> Vec<Vec<Cell>> {
+    levels.reverse();
+    let (alone, pairs) = levels.split_at(levels.len() % 2);
+    alone.iter().cloned().chain(pairs.chunks(2).map(<[_]>::concat)).collect()
 }
 
 /// Place along a Z curve through the cells of a level.
