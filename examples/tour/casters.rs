@@ -74,12 +74,13 @@ impl CasterStore {
         self.chosen.triangles
     }
 
-    /// Draws what was chosen; returns the number of nodes.
+    /// Draws what was chosen, moved `along` the light by [`aside`]; returns the number of nodes.
     pub fn draw(
         &mut self,
         rasteriser: &mut Rasteriser,
         map: &mut ShadowMap,
         origin: DVec3,
+        along: DVec3,
     ) -> Result<usize, HlodError> {
         for &node in &self.chosen.drawn {
             let mesh = match self.nodes.entry(node) {
@@ -90,11 +91,18 @@ impl CasterStore {
                     new.insert(mesh)
                 }
             };
-            let relative = DMat4::from_translation(mesh.origin - origin);
+            let moved = along * aside(self.store.tree().error(node, Mesh::Shape).value);
+            let relative = DMat4::from_translation(mesh.origin + moved - origin);
             map.draw(rasteriser, &mesh.positions, mesh.indices.as_chunks().0, relative);
         }
         Ok(self.chosen.drawn.len())
     }
+}
+
+/// How far a caster that is off by `error` is moved along the light: as far as it may be before the surface that it stands for, as the back of that may be where it is thin, and as what is
+/// drawn of it may be behind. Otherwise thin parts show specks of their own shadow. The shadow stays where it is; only where it touches its caster does it stand off.
+pub fn aside(error: f64) -> f64 {
+    3.0 * error
 }
 
 /// By how much a caster within `b` may be off, in world units, so that its shadow's edge is off by `px` pixels at most.

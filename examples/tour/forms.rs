@@ -40,11 +40,11 @@ impl Forms {
         Ok(())
     }
 
-    /// The coarsest form of a mesh that is off by `error` at most, in the mesh's own units; `None` for all of it.
-    pub fn within(&self, mesh: u32, error: f64) -> Option<&[[u32; 3]]> {
+    /// The coarsest form of a mesh that is off by `error` at most, in the mesh's own units, and by how much it is; `None` for all of it.
+    pub fn within(&self, mesh: u32, error: f64) -> Option<(&[[u32; 3]], f64)> {
         let forms = &self.meshes[mesh as usize];
         let last = forms.details.iter().rposition(|d| d.error <= error)?;
-        Some(&forms.triangles[last])
+        Some((&forms.triangles[last], forms.details[last].error))
     }
 
     /// What the planner is told of a mesh's forms; errors in the mesh's own units.

@@ -75,7 +75,7 @@ impl<'s> Shaping<'s> {
     /// What a picture of an object shows.
     fn picture_of(&self, object: u32) -> &'s [[u32; 3]] {
         let error = self.allowed_px / self.seen[object as usize].px_per_unit;
-        let coarse = || self.forms.within(self.mesh(object), error);
+        let coarse = || self.forms.within(self.mesh(object), error).map(|f| f.0);
         let whole = || self.scene.meshes()[self.mesh(object) as usize].triangles();
         self.movers.and_then(|m| m.triangles(object)).or_else(coarse).unwrap_or_else(whole)
     }

@@ -1,6 +1,6 @@
 //! The first light's shadows, if that is a sun: where the map lies, who casts, and the map itself.
 
-use crate::casters::{CasterStore, tolerance};
+use crate::casters::{CasterStore, aside, tolerance};
 use crate::forms::Forms;
 use crate::frames::took;
 use crate::penumbra;
@@ -222,13 +222,14 @@ impl Sun {
         stage.hierarchy.frustum(&lit, |object, _| self.casters.push(object));
     }
 
-    /// A caster's triangles: as coarse as its shadow may be.
-    fn form<'s>(&self, camera: &Camera, stage: &Stage<'s>, object: u32) -> &'s [[u32; 3]] {
+    /// A caster's triangles, as coarse as its shadow may be, and how far these are off in the world.
+    fn form<'s>(&self, camera: &Camera, stage: &Stage<'s>, object: u32) -> (&'s [[u32; 3]], f64) {
         let index = object as usize;
         let instance = &stage.scene.instances()[index];
         let error = tolerance(camera, &stage.bounds[index], self.direction, CASTER_PX) / stage.stretch[index];
-        let whole = || stage.scene.mesh_of(instance).triangles();
-        stage.forms.within(instance.mesh.0, error).unwrap_or_else(whole)
+        let whole = || (stage.scene.mesh_of(instance).triangles(), 0.0);
+        let (triangles, error) = stage.forms.within(instance.mesh.0, error).unwrap_or_else(whole);
+        (triangles, error * stage.stretch[index])
     }
 
     /// What the planner is told, where so many samples are shaded.
@@ -260,7 +261,7 @@ impl Sun {
 
     /// Chooses what casts: hierarchies where they have fewer triangles to draw than the objects' own forms; returns the number of triangles.
     fn count_casters(&mut self, camera: &Camera, stage: &Stage, receivers: &[DAabb]) -> u64 {
-        let triangles = |object: u32| self.form(camera, stage, object).len() as u64;
+        let triangles = |object: u32| self.form(camera, stage, object).0.len() as u64;
         let forms: Vec<(u32, u64)> = self.casters.iter().map(|&o| (o, triangles(o))).collect();
         let mut sum = forms.iter().map(|f| f.1).sum();
         for hierarchy in &mut self.hierarchies {
@@ -335,7 +336,7 @@ impl Sun {
             ShadowMap::new(view.side, view.clip_from_relative, view.origin, -self.direction, options)?;
         let mut casters_drawn = 0;
         for hierarchy in self.hierarchies.iter_mut().filter(|h| coarse && h.used) {
-            casters_drawn += hierarchy.draw(rasteriser, &mut map, view.origin)?;
+            casters_drawn += hierarchy.draw(rasteriser, &mut map, view.origin, self.direction)?;
         }
         self.find_casters(view, stage);
         let drawn = |object: u32| {
@@ -344,8 +345,10 @@ impl Sun {
         for &object in self.casters.iter().filter(|&&o| !drawn(o)) {
             let instance = &stage.scene.instances()[object as usize];
             let mesh = stage.scene.mesh_of(instance);
-            let relative = DMat4::from(relative_from_mesh(instance, mesh, view.origin));
-            let triangles = if coarse { self.form(camera, stage, object) } else { mesh.triangles() };
+            let (triangles, error) =
+                if coarse { self.form(camera, stage, object) } else { (mesh.triangles(), 0.0) };
+            let moved = DMat4::from_translation(self.direction * aside(error));
+            let relative = moved * DMat4::from(relative_from_mesh(instance, mesh, view.origin));
             map.draw(rasteriser, mesh.positions(), triangles, relative);
             casters_drawn += 1;
         }
