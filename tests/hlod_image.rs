@@ -194,18 +194,6 @@ fn nothing_moves_too_far_and_nothing_is_left_open() {
     }
 }
 
-/// The triangles that a node's rims are sides of, with the normals around them.
-fn sides(mesh: &TriangleMesh, rims: &[[u32; 2]]) -> Vec<Side> {
-    let normals = vertex_normals(mesh);
-    let side = |&[a, b]: &[u32; 2]| {
-        let has = |t: &[u32; 3], k: usize| [[a, b], [b, a]].contains(&[t[k], t[(k + 1) % 3]]);
-        let at = |(i, t): (u32, &[u32; 3])| (0..3).find(|&k| has(t, k)).map(|k| (i, k as u32));
-        let (triangle, corner) = (0..).zip(mesh.triangles()).find_map(at)?;
-        Some(Side { triangle, corner, normal: (normals[a as usize] + normals[b as usize]).normalize() })
-    };
-    rims.iter().filter_map(side).collect()
-}
-
 #[test]
 fn parts_of_a_scene_leave_no_holes_and_no_specks() {
     let mesh = ball(48);
@@ -235,7 +223,7 @@ fn parts_of_a_scene_leave_no_holes_and_no_specks() {
                     let mut node = NodeMesh::default();
                     store.read(d.node, farsight_hlod::Mesh::Full, &mut node).unwrap();
                     let mesh = node.to_mesh().unwrap();
-                    let sides = sides(&mesh, &node.rims);
+                    let sides = Side::between(&mesh, &node.rims);
                     assert_eq!(sides.len(), node.rims.len());
                     (mesh, sides)
                 })

@@ -1,4 +1,4 @@
-//! Coarser shadow casters: a hierarchy of the whole scene on disk, of which a shadow map draws as little as shows.
+//! Coarser shadow casters: hierarchies on disk, of the whole scene or of a large surface, of which a shadow map draws as little as shows.
 
 use farsight_geometry::glam::{DMat4, DVec3};
 use farsight_geometry::scene::AlphaMode;

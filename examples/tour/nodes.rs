@@ -7,9 +7,7 @@ use farsight_hlod::{
     ViewOptions,
 };
 use farsight_plan::{Detail, Form, Kind, ObjectView};
-use farsight_raster::scenes::vertex_normals;
 use farsight_raster::{Part, Side};
-use std::collections::HashMap;
 use std::error::Error;
 use std::time::{Duration, Instant};
 
@@ -251,20 +249,7 @@ impl Live {
 impl Node {
     fn new(node: &NodeMesh) -> Result<Self, Box<dyn Error>> {
         let mesh = node.to_mesh()?;
-        let normals = vertex_normals(&mesh);
-        let mut known: HashMap<[u32; 2], (u32, u32)> = HashMap::new();
-        for (triangle, t) in (0..).zip(mesh.triangles()) {
-            for corner in 0..3 {
-                let [a, b] = [t[corner as usize], t[(corner as usize + 1) % 3]];
-                known.insert([a.min(b), a.max(b)], (triangle, corner));
-            }
-        }
-        let side = |&[a, b]: &[u32; 2]| {
-            let &(triangle, corner) = known.get(&[a.min(b), a.max(b)])?;
-            let normal = (normals[a as usize] + normals[b as usize]).normalize_or(normals[a as usize]);
-            Some(Side { triangle, corner, normal })
-        };
-        let sides = node.rims.iter().filter_map(side).collect();
+        let sides = Side::between(&mesh, &node.rims);
         Ok(Self { mesh, sides })
     }
 }

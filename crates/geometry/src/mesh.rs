@@ -4,9 +4,11 @@
 //! NaN, infinite or beyond [`MAX_COORDINATE`], so no algorithm has to ask again. Nothing is assumed of topology.
 
 mod report;
+mod sets;
 mod weld;
 
 pub use report::MeshReport;
+pub use sets::DisjointSets;
 pub use weld::{Welded, weld_points};
 
 use crate::bounds::{Aabb, DAabb};

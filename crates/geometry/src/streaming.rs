@@ -5,7 +5,7 @@ mod loader;
 mod lru;
 mod sealed;
 
-pub use file::{folder_of, read_exact_at, sync_folder};
+pub use file::{folder_of, read_exact_at, replace_file, sync_folder};
 pub use loader::Loader;
 pub use lru::Lru;
 pub use sealed::{Cursor, FOOTER, Sealed};

@@ -358,7 +358,7 @@ fn construct(
     let spool_path = scratch.path("input");
     drop(spool);
     let _ = std::fs::remove_file(spool_path);
-    let journal = if options.resume { Some(Journal::open(scratch, levels.identity(options))?) } else { None };
+    let journal = if options.resume { Some(Journal::open(scratch, levels.identity())?) } else { None };
     let (nodes, counts) = levels.simplify(journal, watch)?;
     let head = Head {
         cube: plan.cube,

@@ -19,6 +19,11 @@ pub(crate) const LATTICE_SLACK: f64 = 64.0;
 /// A position in units.
 pub(crate) type Lattice = [i32; 3];
 
+/// The same in `f64`, which holds it exactly.
+pub(crate) fn place(p: Lattice) -> DVec3 {
+    DVec3::from_array(p.map(f64::from))
+}
+
 /// The root cube: a world position, and the world length of a unit, which is a power of two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cube {
@@ -48,7 +53,7 @@ impl Cube {
     }
 
     pub(crate) fn leave(&self, p: Lattice) -> DVec3 {
-        self.min + DVec3::from_array(p.map(f64::from)) * self.unit
+        self.min + place(p) * self.unit
     }
 
     /// What rounding to the lattice, cuts and sums in `f64` may displace a point by, in world units.

@@ -133,6 +133,11 @@ impl Recent {
         Self(vec![None; Self::COUNT])
     }
 
+    /// Forgets all: the surface has changed.
+    fn clear(&mut self) {
+        self.0.fill_with(|| None);
+    }
+
     /// The facet of a face; `None` where it is too thin for one.
     fn facet(&mut self, face: u32, surface: &Complex) -> Option<&(u32, Facet)> {
         let slot = &mut self.0[face as usize % Self::COUNT];
@@ -336,7 +341,7 @@ impl<'a> Work<'a> {
 
     /// Forward certificates of those of some triangles, in order, that have none.
     fn cover(&mut self, triangles: impl Iterator<Item = u32>) {
-        self.recent = Recent::new();
+        self.recent.clear();
         let mut straddling = std::mem::take(&mut self.straddling);
         straddling.sort_unstable();
         let mut at = 0;

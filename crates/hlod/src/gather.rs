@@ -8,8 +8,9 @@
 mod fill;
 
 use crate::appearance::Look;
-use crate::cell::{Cell, Lattice};
+use crate::cell::{Cell, Lattice, place};
 use crate::piece::{Piece, Vertices};
+use glam::DVec3;
 
 /// A mesh to join, with the bound of its error in units.
 pub(crate) struct Part {
@@ -97,9 +98,12 @@ impl Join {
         join
     }
 
+    fn place(&self, v: u32) -> DVec3 {
+        place(self.at[v as usize])
+    }
+
     fn distance(&self, a: u32, b: u32) -> f64 {
-        let (a, b) = (self.at[a as usize], self.at[b as usize]);
-        (0..3).map(|k| (f64::from(a[k]) - f64::from(b[k])).powi(2)).sum::<f64>().sqrt()
+        self.place(a).distance(self.place(b))
     }
 
     /// Sides on a wall that only one face has.
@@ -258,13 +262,10 @@ impl Join {
         if part == own || v == p || v == q {
             return None;
         }
-        let [from, to, at] = [p, q, v].map(|v| self.at[v as usize].map(f64::from));
-        let line = [0, 1, 2].map(|k| to[k] - from[k]);
-        let offset = [0, 1, 2].map(|k| at[k] - from[k]);
-        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let t = dot(offset, line) / dot(line, line);
-        let foot = [0, 1, 2].map(|k| offset[k] - t * line[k]);
-        let off = dot(foot, foot).sqrt();
+        let [from, to, at] = [p, q, v].map(|v| self.place(v));
+        let (line, offset) = (to - from, at - from);
+        let t = offset.dot(line) / line.length_squared();
+        let off = (offset - t * line).length();
         let reach = self.widest(own, part).min(self.farthest - self.faces[o.face as usize].moved);
         (t > 0.0 && t < 1.0 && off <= reach).then_some((t, off, v))
     }

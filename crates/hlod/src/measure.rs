@@ -75,9 +75,9 @@ impl Measure<'_> {
 
 /// A surface and what became of it, by what lies where.
 struct Surrounded<'a> {
-    pub original: &'a Original,
-    pub surface: &'a Complex,
-    pub log: &'a Log,
+    original: &'a Original,
+    surface: &'a Complex,
+    log: &'a Log,
 }
 
 impl Surrounded<'_> {

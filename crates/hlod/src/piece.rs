@@ -2,7 +2,7 @@
 
 use crate::HlodError;
 use crate::appearance::Look;
-use crate::cell::{Lattice, LocalFrame, rounded};
+use crate::cell::{Lattice, LocalFrame, place, rounded};
 use crate::cut::Polygons;
 use farsight_geometry::TriangleMesh;
 use glam::{DVec3, Vec2, Vec3, Vec4};
@@ -238,7 +238,7 @@ impl Piece {
 
 /// Triangles of a convex polygon: ears are cut off, the best shaped first. Corners that rounding made equal are left out, unless nothing would remain.
 fn triangulate(at: &[Lattice], mut corners: Vec<u32>, into: &mut Vec<[u32; 3]>) {
-    let place = |v: u32| DVec3::from_array(at[v as usize].map(f64::from));
+    let place = |v: u32| place(at[v as usize]);
     let full = corners.clone();
     corners.dedup_by_key(|v| at[*v as usize]);
     while corners.len() > 1 && at[corners[0] as usize] == at[corners[corners.len() - 1] as usize] {

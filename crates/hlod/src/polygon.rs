@@ -51,9 +51,9 @@ impl<P: Between> Polygon<P> {
         self.len += 1;
     }
 
-    /// The part where `value` is not negative, and the part where it is not positive; none for a part without a corner off
-    /// the line. `None` when there is no room for the corners, or rounding has bent the polygon so that the line crosses it twice.
-    pub(crate) fn cut(&self, value: impl Fn(P) -> f64) -> Option<(Option<Self>, Option<Self>)> {
+    /// A value at each corner, and whether there are positive and negative ones.
+    #[inline(always)]
+    fn values(&self, value: impl Fn(P) -> f64) -> ([f64; CORNERS], bool, bool) {
         let mut values = [0.0; CORNERS];
         let (mut above, mut below) = (false, false);
         for (v, &c) in values.iter_mut().zip(self.corners()) {
@@ -61,6 +61,13 @@ impl<P: Between> Polygon<P> {
             above |= *v > 0.0;
             below |= *v < 0.0;
         }
+        (values, above, below)
+    }
+
+    /// The part where `value` is not negative, and the part where it is not positive; none for a part without a corner off
+    /// the line. `None` when there is no room for the corners, or rounding has bent the polygon so that the line crosses it twice.
+    pub(crate) fn cut(&self, value: impl Fn(P) -> f64) -> Option<(Option<Self>, Option<Self>)> {
+        let (values, above, below) = self.values(value);
         if !(above && below) {
             return Some((above.then_some(*self), below.then_some(*self)));
         }
@@ -93,13 +100,7 @@ impl<P: Between> Polygon<P> {
 
     /// [`cut`](Self::cut), keeping the first part only; `false` when there is none.
     pub(crate) fn clip(&mut self, value: impl Fn(P) -> f64) -> Option<bool> {
-        let mut values = [0.0; CORNERS];
-        let (mut above, mut below) = (false, false);
-        for (v, &c) in values.iter_mut().zip(self.corners()) {
-            *v = value(c);
-            above |= *v > 0.0;
-            below |= *v < 0.0;
-        }
+        let (values, above, below) = self.values(value);
         if !(above && below) {
             return Some(above);
         }

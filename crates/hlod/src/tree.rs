@@ -1,6 +1,6 @@
 //! The tree of a store: what stays in memory of every node.
 
-use crate::cell::{BITS, Cell, Cube, Lattice};
+use crate::cell::{BITS, Cell, Cube, Lattice, place};
 use crate::piece::Attributes;
 use farsight_geometry::DAabb;
 use farsight_geometry::accuracy::{ErrorBound, Unit};
@@ -93,7 +93,7 @@ impl Cone {
 
     /// Around the normals of triangles.
     pub(crate) fn of(at: &[Lattice], triangles: &[[u32; 3]]) -> Self {
-        let place = |v: u32| DVec3::from_array(at[v as usize].map(f64::from));
+        let place = |v: u32| place(at[v as usize]);
         let normal = |t: &[u32; 3]| {
             let [a, b, c] = t.map(place);
             (b - a).cross(c - a).try_normalize()

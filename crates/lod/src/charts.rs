@@ -8,6 +8,7 @@ use crate::hierarchy::VertexHierarchy;
 use crate::{Cut, LodError};
 use farsight_geometry::accuracy::{ErrorBound, Unit};
 use farsight_geometry::distance::closest_on_triangle;
+use farsight_geometry::mesh::DisjointSets;
 use farsight_geometry::{MeshError, TriangleMesh, rounding};
 use glam::{DVec2, DVec3, Vec3};
 
@@ -337,23 +338,13 @@ impl Nearest {
 
 /// The chart of each vertex: what triangles connect, numbered by its lowest vertex.
 fn connected(mesh: &TriangleMesh, hierarchy: &VertexHierarchy) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-    fn root(parent: &mut [u32], mut v: u32) -> u32 {
-        while parent[v as usize] != v {
-            // Halve the way for the next.
-            parent[v as usize] = parent[parent[v as usize] as usize];
-            v = parent[v as usize];
-        }
-        v
-    }
+    let mut sets = DisjointSets::new(mesh.positions().len());
     for &t in &hierarchy.original {
         let [a, b, c] = mesh.triangles()[t as usize];
-        for other in [b, c] {
-            let (x, y) = (root(&mut parent, a), root(&mut parent, other));
-            parent[x.max(y) as usize] = x.min(y);
-        }
+        sets.join(a, b);
+        sets.join(a, c);
     }
-    (0..parent.len() as u32).map(|v| root(&mut parent, v)).collect()
+    (0..mesh.positions().len() as u32).map(|v| sets.lowest(v)).collect()
 }
 
 #[cfg(test)]

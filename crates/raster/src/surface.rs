@@ -2,12 +2,14 @@
 
 use crate::draw::{Fragment, PixelShader};
 use crate::render::View;
+use crate::scenes::vertex_normals;
 use crate::shade::Lighting;
 use crate::texture::MipMap;
 use farsight_geometry::TriangleMesh;
 use farsight_geometry::scene::{AlphaMode, Material};
 use glam::{DAffine3, Mat3, Vec2, Vec3, Vec4};
 use std::cell::Cell;
+use std::collections::HashMap;
 
 /// A side of a triangle of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +23,24 @@ pub struct Side {
 }
 
 impl Side {
+    /// The sides of a mesh between given pairs of vertices, with the normals around them; pairs that no triangle joins are left out.
+    pub fn between(mesh: &TriangleMesh, pairs: &[[u32; 2]]) -> Vec<Self> {
+        let normals = vertex_normals(mesh);
+        let mut known: HashMap<[u32; 2], (u32, u32)> = HashMap::new();
+        for (triangle, t) in (0..).zip(mesh.triangles()) {
+            for corner in 0..3 {
+                let [a, b] = [t[corner as usize], t[(corner as usize + 1) % 3]];
+                known.insert([a.min(b), a.max(b)], (triangle, corner));
+            }
+        }
+        let side = |&[a, b]: &[u32; 2]| {
+            let &(triangle, corner) = known.get(&[a.min(b), a.max(b)])?;
+            let normal = (normals[a as usize] + normals[b as usize]).normalize_or(normals[a as usize]);
+            Some(Self { triangle, corner, normal })
+        };
+        pairs.iter().filter_map(side).collect()
+    }
+
     /// The corners of the triangle that it joins.
     pub fn corners(self) -> [usize; 2] {
         [self.corner as usize % 3, (self.corner as usize + 1) % 3]

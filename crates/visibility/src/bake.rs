@@ -10,9 +10,8 @@ use crate::sampler::Sampler;
 use crate::store::{PvsWriter, checksum};
 use crate::triangles::Triangles;
 use crate::validate::Missed;
-use farsight_geometry::streaming::{folder_of, sync_folder};
+use farsight_geometry::streaming::replace_file;
 use farsight_geometry::{Cost, RayCaster};
-use std::fs::File;
 use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
 use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
@@ -162,7 +161,9 @@ impl<C: RayCaster> Bake<'_, C> {
     ) -> Result<bool, VisibilityError> {
         let failed =
             |e: io::Error| VisibilityError::File { path: path.display().to_string(), reason: e.to_string() };
-        let part = beside(path, ".part");
+        let mut part = path.as_os_str().to_owned();
+        part.push(".part");
+        let part = PathBuf::from(part);
         let mark = self.identity().to_le_bytes();
         let fresh = PvsWriter::new(self.grid, self.triangles.members(), cells.clone())?;
         let old = match std::fs::read(&part) {
@@ -190,7 +191,7 @@ impl<C: RayCaster> Bake<'_, C> {
         self.fill(&mut writer, progress, save)?;
         let done = writer.next_cell() == cells.end;
         if done {
-            replace(path, writer.bytes()).and_then(|()| std::fs::remove_file(&part)).map_err(failed)?;
+            replace_file(path, writer.bytes()).and_then(|()| std::fs::remove_file(&part)).map_err(failed)?;
         }
         Ok(done)
     }
@@ -241,21 +242,4 @@ impl<C: RayCaster> Bake<'_, C> {
     fn batch(&self, cells: Range<u32>) -> impl Iterator<Item = Result<BakedCell, VisibilityError>> {
         cells.map(|cell| self.cell(cell))
     }
-}
-
-/// The path with something added to its name.
-fn beside(path: &Path, end: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(end);
-    name.into()
-}
-
-/// Puts a file in place, whole or not at all.
-fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let new = beside(path, ".new");
-    let mut file = File::create(&new)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    std::fs::rename(&new, path)?;
-    sync_folder(folder_of(path))
 }

@@ -1,6 +1,7 @@
 //! OpenEXR images: depth, shadow maps, any single channel, and linear colour.
 
 use super::ImportError;
+use crate::streaming::replace_file;
 use ::exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer};
 use ::exr::meta::MetaData;
 use ::exr::meta::attribute::{LineOrder, Text};
@@ -178,17 +179,7 @@ impl FloatImage {
     /// # Errors
     /// [`ImportError::Io`], and those of [`to_bytes`](Self::to_bytes).
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), ImportError> {
-        let path = path.as_ref();
-        let bytes = self.to_bytes()?;
-        let mut name = path.file_name().unwrap_or_default().to_owned();
-        name.push(format!(".{}.tmp", std::process::id()));
-        let temporary = path.with_file_name(name);
-        let written = std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, path));
-        if written.is_err() {
-            // The first error is the one to report.
-            let _ = std::fs::remove_file(&temporary);
-        }
-        Ok(written?)
+        Ok(replace_file(path.as_ref(), &self.to_bytes()?)?)
     }
 
     /// Reads a file.

@@ -1,6 +1,6 @@
 //! What is unusual about a mesh.
 
-use super::{TriangleMesh, weld_points};
+use super::{DisjointSets, TriangleMesh, weld_points};
 use std::fmt;
 
 /// Counts of what algorithms may stumble over, taken after merging vertices with equal positions.
@@ -140,27 +140,14 @@ fn count_edges(triangles: &[[u32; 3]]) -> (usize, usize) {
 }
 
 fn count_components(triangles: &[[u32; 3]], vertices: usize) -> usize {
-    let mut parent: Vec<u32> = (0..vertices as u32).collect();
+    let mut sets = DisjointSets::new(vertices);
     let mut used = vec![false; vertices];
-    for t in triangles {
-        used[t[0] as usize] = true;
-        let a = root(&mut parent, t[0]);
-        for &i in &t[1..] {
-            used[i as usize] = true;
-            let b = root(&mut parent, i);
-            parent[b as usize] = a;
-        }
+    for &[a, b, c] in triangles {
+        [a, b, c].iter().for_each(|&v| used[v as usize] = true);
+        sets.join(a, b);
+        sets.join(a, c);
     }
-    (0..vertices).filter(|&i| used[i] && parent[i] == i as u32).count()
-}
-
-/// Representative of `i`, halving paths on the way.
-fn root(parent: &mut [u32], mut i: u32) -> u32 {
-    while parent[i as usize] != i {
-        parent[i as usize] = parent[parent[i as usize] as usize];
-        i = parent[i as usize];
-    }
-    i
+    (0..vertices).filter(|&v| used[v] && sets.lowest(v as u32) == v as u32).count()
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Files, as stores and builds of stores need them.
 
 use std::fs::File;
-use std::io;
+use std::io::{self, Write as _};
 use std::path::Path;
 
 /// The folder that a path lies in; `.` for a bare name.
@@ -18,6 +18,28 @@ pub fn sync_folder(folder: &Path) -> io::Result<()> {
         File::open(folder)?.sync_all()?;
     }
     Ok(())
+}
+
+/// Writes a file under a temporary name, then puts it in place: whole or not at all, also after a crash.
+///
+/// # Errors
+/// Those of the system; what stood there before then stays.
+pub fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}.tmp", std::process::id()));
+    let temporary = path.with_file_name(name);
+    let write = || {
+        let mut file = File::create(&temporary)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        std::fs::rename(&temporary, path)
+    };
+    if let Err(error) = write() {
+        // The first error is the one to report.
+        let _ = std::fs::remove_file(&temporary);
+        return Err(error);
+    }
+    sync_folder(folder_of(path))
 }
 
 /// Reads at an offset without moving anyone's position: any number of threads may do so at once.

@@ -3,7 +3,7 @@
 use super::journal::{Entry, Journal};
 use super::node::{self, Below, Made};
 use super::partition::Leaves;
-use super::{BuildOptions, BuildReport, LevelReport, Plan, Stage, Watch};
+use super::{BuildReport, LevelReport, Plan, Stage, Watch};
 use crate::HlodError;
 use crate::cell::Cell;
 use crate::codec::{Looks, Shape};
@@ -101,8 +101,8 @@ impl<'a> Levels<'a> {
     }
 
     /// What tells this build's inner nodes from another's.
-    pub(super) fn identity(&self, options: &BuildOptions) -> [u64; 4] {
-        let tier = match options.tier {
+    pub(super) fn identity(&self) -> [u64; 4] {
+        let tier = match self.plan.tier {
             crate::Tier::Guaranteed => 0,
             crate::Tier::Verified => 1,
             crate::Tier::Fast => 2,

@@ -4,9 +4,10 @@
 //! one that stays is near enough, and what stays grows to the area of all that it stands for (after Cook, Halstead, Planck & Ryu 2007, with a bound instead of chance). The distance is two-sided: what is dropped is
 //! near to what stays, and what stays moves no farther than it grows.
 
-use crate::cell::{Cell, Lattice};
-use crate::piece::Piece;
+use crate::cell::{Cell, Lattice, place};
+use crate::piece::{Piece, Vertices};
 use farsight_geometry::distance::closest_on_triangle;
+use farsight_geometry::mesh::DisjointSets;
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -194,10 +195,6 @@ impl Grid {
     }
 }
 
-fn place(p: Lattice) -> DVec3 {
-    DVec3::from_array(p.map(f64::from))
-}
-
 /// An order that does not depend on the order of the input.
 fn key(p: DVec3) -> [u64; 3] {
     p.to_array().map(f64::to_bits)
@@ -210,35 +207,23 @@ fn area([a, b, c]: [DVec3; 3]) -> f64 {
 /// Triangles that hang together by common positions, in the order of their first ones.
 fn parts(piece: &Piece) -> Vec<Vec<usize>> {
     // Vertices at one position are one, whatever they look like.
-    let mut order: Vec<u32> = (0..piece.at.len() as u32).collect();
-    order.sort_unstable_by_key(|&v| (piece.at[v as usize], v));
-    let mut root: Vec<u32> = (0..piece.at.len() as u32).collect();
-    for pair in order.windows(2) {
-        if piece.at[pair[0] as usize] == piece.at[pair[1] as usize] {
-            root[pair[1] as usize] = root[pair[0] as usize];
-        }
-    }
-    fn find(root: &mut [u32], mut v: u32) -> u32 {
-        while root[v as usize] != v {
-            root[v as usize] = root[root[v as usize] as usize];
-            v = root[v as usize];
-        }
-        v
-    }
+    let mut places = Vertices::default();
+    let place_of: Vec<u32> = piece.at.iter().map(|&p| places.add(p, None)).collect();
+    let mut sets = DisjointSets::new(places.at.len());
     for t in &piece.triangles {
-        let [a, b, c] = t.map(|v| find(&mut root, v));
-        let least = a.min(b).min(c);
-        [a, b, c].iter().for_each(|&v| root[v as usize] = least);
+        let [a, b, c] = t.map(|v| place_of[v as usize]);
+        sets.join(a, b);
+        sets.join(a, c);
     }
-    let mut number = vec![u32::MAX; piece.at.len()];
+    let mut number = vec![u32::MAX; places.at.len()];
     let mut parts: Vec<Vec<usize>> = Vec::new();
     for (i, t) in piece.triangles.iter().enumerate() {
-        let r = find(&mut root, t[0]) as usize;
-        if number[r] == u32::MAX {
-            number[r] = parts.len() as u32;
+        let number = &mut number[sets.lowest(place_of[t[0] as usize]) as usize];
+        if *number == u32::MAX {
+            *number = parts.len() as u32;
             parts.push(Vec::new());
         }
-        parts[number[r] as usize].push(i);
+        parts[*number as usize].push(i);
     }
     parts
 }

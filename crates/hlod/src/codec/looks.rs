@@ -415,6 +415,7 @@ fn decode(
     into.colours.extend(red_green.iter().zip(blue_alpha).map(colour));
     Some(())
 }
+
 /// Reads a pair of all vertices, the first of each position and then further ones.
 fn take_pair<const PAIR: usize>(
     stream: &[u8],

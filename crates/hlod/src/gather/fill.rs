@@ -5,6 +5,7 @@
 
 use super::{Face, Join, Open};
 use crate::appearance::Look;
+use farsight_geometry::distance::closest_on_segment;
 use std::collections::HashMap;
 
 /// Most sides of a crack that is filled; longer ones are between surfaces that do not belong together.
@@ -77,11 +78,10 @@ impl Join {
 
     /// Distance from a crack's sides that no point of a triangle exceeds.
     fn reach_from_sides(&self, crack: &[Side], corners: [usize; 3]) -> f64 {
-        let at = |v: u32| self.at[v as usize].map(f64::from);
-        let corners = corners.map(|i| at(crack[i].from));
+        let corners = corners.map(|i| self.place(crack[i].from));
         let of_side = |s: &Side| {
-            let (from, to) = (at(s.from), at(s.to));
-            corners.iter().map(|&p| distance_to_segment(p, from, to)).fold(0.0, f64::max)
+            let (from, to) = (self.place(s.from), self.place(s.to));
+            corners.iter().map(|&p| closest_on_segment(from, to, p).distance(p)).fold(0.0, f64::max)
         };
         crack.iter().map(of_side).fold(f64::INFINITY, f64::min)
     }
@@ -120,14 +120,6 @@ fn cracks(mut sides: Vec<Side>) -> Vec<Vec<Side>> {
         }
     }
     rings
-}
-
-fn distance_to_segment(p: [f64; 3], from: [f64; 3], to: [f64; 3]) -> f64 {
-    let [line, offset] = [to, p].map(|q| [0, 1, 2].map(|k| q[k] - from[k]));
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    let t = (dot(offset, line) / dot(line, line).max(1.0)).clamp(0.0, 1.0);
-    let foot = [0, 1, 2].map(|k| offset[k] - t * line[k]);
-    dot(foot, foot).sqrt()
 }
 
 #[cfg(test)]
